@@ -96,8 +96,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             with only_one_in(args.out):
                 return int(module.main(args))
         except KeyboardInterrupt:
-            said = "interrupted; the same command goes on from here"
-            raise Unfinished(said, [], STATUS) from None
+            message = "interrupted; the same command goes on from here"
+            raise Unfinished(message, [], STATUS) from None
 
     return exit_status(run)
 
@@ -191,8 +191,8 @@ def _make_parser() -> argparse.ArgumentParser:
 
     commands = installed_commands()
     for group, (purpose, members) in commands.groups.items():
-        said = sentence(purpose)
-        group_parser = group_parsers.add_parser(group, help=said, description=said)
+        message = sentence(purpose)
+        group_parser = group_parsers.add_parser(group, help=message, description=message)
         group_parser.set_defaults(parser=group_parser)
         names = group_parser.add_subparsers(metavar="WHAT")
         for name, (module, what) in members.items():

@@ -24,7 +24,7 @@ def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
     except FileNotFoundError:
         raise InputError(f"there is no file {path}") from None
     except Exception as error:  # zip, zlib and NumPy raise whatever they stumble over
-        raise InputError(f"{path} is no whole npz file ({_said(error)})") from error
+        raise InputError(f"{path} is no whole npz file ({_reported(error)})") from error
 
 
 def read_json(path: str | Path) -> Any:
@@ -38,8 +38,8 @@ def read_json(path: str | Path) -> Any:
     except FileNotFoundError:
         raise InputError(f"there is no file {path}") from None
     except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no whole JSON file ({_said(error)})") from error
+        raise InputError(f"{path} is no whole JSON file ({_reported(error)})") from error
 
 
-def _said(error: Exception) -> str:
+def _reported(error: Exception) -> str:
     return str(error).split("\n")[0] or type(error).__name__

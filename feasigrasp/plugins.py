@@ -11,7 +11,8 @@ Kinds, each with what an entry point of it is:
 - ``controllers``: a function ``(scenario, reachability, safety) -> GraspController``.
 - ``ik_sources``: a function as `closed_form_configurations` of
   `feasigrasp.models.control.joint.sources`.
-- ``judges``: a function ``(scenario, reachability) -> feasigrasp.models.reach.lookahead.Judge``.
+- ``judges``: a function ``(scenario, reachability) ->
+  feasigrasp.models.reach.predicted_reachability.Judge``.
 - ``modes``: an object as `feasigrasp.scenario.modes.Mode`.
 - ``samplers``: a function ``(gripper, n_candidates=, n_grasps=, least_score=, seed=)``.
 

@@ -198,7 +198,7 @@ class Examples:
             "X_OG": grasps.X_OG, "score": grasps.score,
             "rejected": {"colour": 1}, "keep": np.array([0, 1]), "reason": "colour",
             "dropped": {"colour": 1}, "other": grasps, "grasps": grasps, "gpdf": self.gpdf,
-            "carries": np.ones(3), "on_object": np.arange(4), 
+            "payload_score": np.ones(3), "on_object": np.arange(4), 
             "prior": np.full((3, 2), 0.5), "table": np.array([0.0, 0.0, 1.0, -0.1]),
             "least_score": 0.5, "mass": 0.3, "down": np.array([0.0, 0.0, -1.0]),
             # ik

@@ -25,9 +25,9 @@ class Counter(LeafSystem):
         super().__init__()
         self._number = self.DeclareVectorInputPort("number", 1)
         self._word = declare_input(self, "word")
-        self._said = PeriodicState(self, (), PERIOD, self._look)
-        ticket = {self._said.ticket()}
-        declare_output(self, "grasps", self._said.Eval, ticket)
+        self._reported = PeriodicState(self, (), PERIOD, self._look)
+        ticket = {self._reported.ticket()}
+        declare_output(self, "grasps", self._reported.Eval, ticket)
         self.DeclareVectorOutputPort("total", 1, self._calc_total, ticket)
 
     def _look(self, context):
@@ -38,10 +38,10 @@ class Counter(LeafSystem):
             time.sleep(NAP)
         word = self._word.Eval(context) if self._word.HasValue(context) else ""
         word = word.text if isinstance(word, Sentence) else word
-        return (*self._said.Eval(context), (context.get_time(), number, word))
+        return (*self._reported.Eval(context), (context.get_time(), number, word))
 
     def _calc_total(self, context, output):
-        output.SetAtIndex(0, sum(number for _, number, _ in self._said.Eval(context)))
+        output.SetAtIndex(0, sum(number for _, number, _ in self._reported.Eval(context)))
 
 
 def broken():

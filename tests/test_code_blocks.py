@@ -13,7 +13,7 @@ from pydrake.systems.analysis import Simulator
 from feasigrasp import cli
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.scenario.files import load_scenario
-from feasigrasp.scenario.sampling import make_company, make_motion
+from feasigrasp.scenario.sampling import make_distractor_bodies, make_motion
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from tools.run_readme import blocks, commands
 
@@ -115,7 +115,7 @@ def test_every_scenario_of_the_page_loads(examples, tmp_path):
     assert scenario.object.model == "mug"
     depth = "perception: {segmentation: depth}"
     around = load_scenario(file, "SlowLift", f"{examples['carrier']}\n{depth}")
-    seen = make_company(around, load_object("mug"), motion)
+    seen = make_distractor_bodies(around, load_object("mug"), motion)
     assert [body.name for body in seen] == ["carrier", "distractor"]
     second = load_scenario("ReachLinear", examples["cameras"])
     assert second.perception.second_camera in second.cameras

@@ -77,7 +77,7 @@ LEGAL = {
     "Result.samples:*": "a figure that is not known",
     "DepthFolder.X_WC:NaN": "an image without a pose",
     "DepthFolder.X_WC:infinite": "the same",
-    "ControllerInputs.kept_off.grid:nothing": "no surface",
+    "ControllerInputs.scheduled_obstacle.grid:nothing": "no surface",
     "G*Controller.chosen.memory:*": "no one grasp, whatever is remembered",
     "*.viewpoint:nothing": "a cloud of views from several sides",
     "*.edge_jump:nothing": "edges are kept",

@@ -28,7 +28,7 @@ RUNS = [
 _CALLED = "\ncalled "
 
 
-def run_and_tell(arguments: list[str]) -> int:
+def run_and_record(arguments: list[str]) -> int:
     """Runs a command in this process; prints what Python called: modules, names and signatures."""
     called: set[tuple[str, str, str]] = set()
     compile_or_load, depth = Dispatcher.compile, 0
@@ -74,4 +74,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(run_and_tell(sys.argv[1:]) if len(sys.argv) > 1 else main())
+    sys.exit(run_and_record(sys.argv[1:]) if len(sys.argv) > 1 else main())

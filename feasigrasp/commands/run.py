@@ -16,7 +16,7 @@ from typing import Any
 import pydot
 import yaml
 
-from feasigrasp.commands.warm_up import compile_ahead
+from feasigrasp.commands.warm_up import compile_in_advance
 from feasigrasp.errors import FeasigraspError, OutputError
 from feasigrasp.models.control.mode import controller_names, mode_names
 from feasigrasp.outputs import check_outputs, replacing, write_text
@@ -165,7 +165,7 @@ def main(args: argparse.Namespace) -> int:
         print(text, flush=True)
     groups = {str(scenario.control.controller)} & set(GROUPS)  # baselines compile as they go
     if not is_warm(groups):
-        compile_ahead(groups)
+        compile_in_advance(groups)
     live = LiveView(quiet_meshcat()) if args.live else None
     if live is not None:
         print(

@@ -34,10 +34,10 @@ def main(args: argparse.Namespace) -> int:
     if is_warm(groups):
         print("all that runs call is compiled")
         return 0
-    return int(not compile_ahead(groups))
+    return int(not compile_in_advance(groups))
 
 
-def compile_ahead(groups: Collection[str]) -> bool:
+def compile_in_advance(groups: Collection[str]) -> bool:
     """Compiles what runs of these groups call, says how far it is, and whether all went well.
 
     It says so on standard error: what a run prints is about the run.

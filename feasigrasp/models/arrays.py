@@ -41,7 +41,7 @@ _Options = ParamSpec("_Options")
 _Made = TypeVar("_Made")
 
 
-def kept_with_value(
+def cached_on_value(
     make: Callable[Concatenate[_Value, _Options], _Made],
 ) -> Callable[Concatenate[_Value, _Options], _Made]:
     """Keeps what is made of a frozen value with that value, to be made once.

@@ -16,7 +16,7 @@ from feasigrasp.models.clouds.camera import Camera, unproject
 from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
 from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.foreground import Known, Label, segment
-from feasigrasp.models.segmentation.known_bodies import CELL, FREE, MARGIN, SIGMAS, UNSEEN
+from feasigrasp.models.segmentation.modeled_bodies import CELL, FREE, MARGIN, SIGMAS, UNOBSERVED
 from feasigrasp.models.segmentation.tabletop import table_plane
 from feasigrasp.models.tracking.sequence import SequenceTracker
 from feasigrasp.models.tracking.view import ObjectView
@@ -78,7 +78,7 @@ class UnaidedTracker(Frozen):
         return np.asarray(points_C @ X_WC[:3, :3].T + X_WC[:3, 3])
 
     def _object(self, points: Array, seen: Mask, X_WC: Array) -> Mask:
-        kinds = np.where(seen, FREE, UNSEEN).astype(np.uint8)
+        kinds = np.where(seen, FREE, UNOBSERVED).astype(np.uint8)
         if self.plane is not None:
             height = points @ self.plane[:3] + self.plane[3]
             z = (points - X_WC[:3, 3]) @ X_WC[:3, 2]

@@ -86,8 +86,8 @@ def progress(simulated: float, wall: float, status: Status) -> str:
         status: What goes on.
     """
     factor = simulated / wall if wall > 0.0 else 0.0
-    said = _status(status.code, status.detail)
-    return f"simulating {simulated:5.1f} s  {factor:4.2f} x real time  {said}"
+    shown = _status(status.code, status.detail)
+    return f"simulating {simulated:5.1f} s  {factor:4.2f} x real time  {shown}"
 
 
 def verdict(record: Mapping[str, Any]) -> str:

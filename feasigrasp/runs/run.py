@@ -33,8 +33,8 @@ from feasigrasp.runs.live import LiveView
 from feasigrasp.runs.metrics.cause import Cause
 from feasigrasp.runs.metrics.handling import ObjectTruth
 from feasigrasp.runs.metrics.motion_limits import JointTicks
+from feasigrasp.runs.metrics.reference_robot import reference_robot
 from feasigrasp.runs.metrics.robot_limits import self_collision_metrics, torque_metrics
-from feasigrasp.runs.metrics.robot_twin import robot_twin
 from feasigrasp.runs.metrics.run_metrics import not_held, summarize
 from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.runs.metrics.tick_times import TickTimes
@@ -102,7 +102,7 @@ class Result:
     @property
     def status(self) -> tuple[Status, ...]:
         """What went on: each status with the time when it began."""
-        return tuple(Status(t, StatusCode(code), said) for t, code, said in self.record["status"])
+        return tuple(Status(t, StatusCode(code), words) for t, code, words in self.record["status"])
 
     @checked()
     def write_log(self, filename: str | Path) -> None:
@@ -323,12 +323,12 @@ def measured(
         ),
     )
     if len(q):
-        twin = robot_twin(cell_directives(scenario))
+        reference = reference_robot(cell_directives(scenario))
         every = max(1, round(SAMPLE_PERIOD / scenario.control.period))
-        metrics |= self_collision_metrics(twin, q[::every])
+        metrics |= self_collision_metrics(reference, q[::every])
         at, torques = log("torque")
         tick = np.minimum(np.rint(at / scenario.control.period).astype(int), len(q) - 1)
-        metrics |= torque_metrics(twin, q[tick], torques.T)
+        metrics |= torque_metrics(reference, q[tick], torques.T)
     metrics["friction"] = station.contact_friction()
     if diagram.HasSubsystemNamed("perception"):
         metrics["view_faults"] = float(output("perception", "view_faults")[0])

@@ -66,7 +66,7 @@ def check_scenario(scenario: Scenario) -> None:
     _check_steps(scenario)
     _check_vectors(scenario)
     _check_cameras(scenario)
-    _check_company(scenario)
+    _check_distractor_bodies(scenario)
     _check_law(scenario)
     _check_standoff(scenario)
     phase = getattr(scenario.motion, "start_phase", 0.0)
@@ -183,7 +183,7 @@ def check_segmentation(scenario: Scenario, *, own: bool) -> None:
         )
 
 
-def _check_company(scenario: Scenario) -> None:
+def _check_distractor_bodies(scenario: Scenario) -> None:
     """Who is told by colour is looked for; another object is apart from the one to grasp."""
     hue, distractor = scenario.carrier.hue, scenario.distractor
     if hue is not None and scenario.perception.segmentation != Segmentation.DEPTH:
@@ -286,7 +286,7 @@ def _check_unenforced(config: ControlConfig) -> None:
             f"control.speed is {config.speed:g}, but mode {config.mode} enforces no limit; give "
             "control.mode: safe, or control.speed: 1"
         )
-    for name in ("density", "score", "look_ahead"):
+    for name in ("density", "score", "prediction"):
         value, ours = getattr(config, name), getattr(ControlConfig(), name)
         if value != ours:
             raise ScenarioError(

@@ -19,7 +19,7 @@ from feasigrasp.models.objects.rigid_object import builtin_objects, object_file
 from feasigrasp.models.robot.grippers import GRIPPERS
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
-from feasigrasp.scenario.keys import check_keys, compose, drop_former_keys, find, move_keys
+from feasigrasp.scenario.keys import check_keys, compose, find, move_keys, replace_former_keys
 from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.schema import Scenario
 
@@ -234,7 +234,7 @@ def _defaults(nodes: Iterable[yaml.Node], base: Scenario) -> Scenario:
 
 def _load(node: yaml.Node, defaults: Scenario) -> Scenario:
     """Reads the tree of a scenario, or of changes of ``defaults``."""
-    drop_former_keys(node)
+    replace_former_keys(node)
     move_keys(node, defaults)
     check_keys(node, Scenario)
     text = yaml.serialize(node, Dumper=yaml.SafeDumper)

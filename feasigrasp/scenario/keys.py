@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses as dc
 import types
 import typing
+import warnings
 from collections.abc import Iterable
 
 import numpy as np
@@ -23,6 +24,8 @@ _NAMED = (("cameras",), ("camera_noise",), ("cell", "boxes"), ("cell", "meshes")
 #: Keys that older releases of Drake have, and their value there by default; recorded scenarios hold
 #: them.
 _FORMER = {("simulator_config", "publish_every_time_step"): "false"}
+#: Keys with a new name, which the former name stands for until the next release.
+_RENAMED = {("control", "look_ahead"): "prediction", ("reachability", "twins"): "symmetric_grasps"}
 #: Keys of older releases that are ``options`` of their section now, and what they are without.
 _MOVED: dict[str, dict[str, object]] = {
     "control": {
@@ -88,15 +91,24 @@ def find(root: yaml.Node, *path: str) -> yaml.Node | None:
     return found
 
 
-def drop_former_keys(root: yaml.Node) -> None:
-    """Takes keys out of the tree of a scenario that say what Drake does anyway, in any release."""
+def replace_former_keys(root: yaml.Node) -> None:
+    """Renames former keys of a scenario, with a warning; drops those that Drake no longer has."""
     for key, value in root.value if isinstance(root, yaml.MappingNode) else ():
         if key.tag == f"{_TAG}merge":
-            drop_former_keys(value)
+            replace_former_keys(value)
         elif isinstance(value, yaml.MappingNode):
             value.value = [
                 (k, v) for k, v in value.value if _FORMER.get((key.value, k.value), ...) != v.value
             ]
+            for k, _ in value.value:
+                if new := _RENAMED.get((key.value, k.value)):
+                    warnings.warn(
+                        f"{key.value}.{k.value} is now {key.value}.{new}; rename the key (line "
+                        f"{k.start_mark.line + 1}), the next release does not read it",
+                        FutureWarning,
+                        stacklevel=2,
+                    )
+                    k.value = new
 
 
 def move_keys(root: yaml.Node, defaults: typing.Any) -> None:

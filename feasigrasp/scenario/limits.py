@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.systems.analysis import GetIntegrationSchemes
 
 from feasigrasp.models.control.mode import controller_names, mode_names
-from feasigrasp.models.control.planning.outlook import LookAhead
+from feasigrasp.models.control.planning.predicted_poses import PredictionModel
 from feasigrasp.models.grasps.samplers import sampler_names
 from feasigrasp.models.objects.carriers import CarrierKind
 from feasigrasp.models.objects.tracker_config import TrackerKind
@@ -160,7 +160,7 @@ CHOICES: dict[str, Sequence[str]] = {
     "control.controller": tuple(controller_names()),
     "control.mode": tuple(mode_names()),
     "control.source": (CLOSED_FORM, *plugins("ik_sources")),
-    "control.look_ahead": tuple(LookAhead),
+    "control.prediction": tuple(PredictionModel),
     "perception.segmentation": tuple(Segmentation),
     "perception.execution": tuple(Execution),
     "perception.preset": tuple(Preset),

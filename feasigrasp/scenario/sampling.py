@@ -18,7 +18,7 @@ from feasigrasp.models.faults.object import altered
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.bezier_motion import BezierMotion, bezier_legs
 from feasigrasp.models.objects.carriers import CarrierKind
-from feasigrasp.models.objects.company import Carrier, Companion, Distractor
+from feasigrasp.models.objects.distractor_bodies import Carrier, Distractor, DistractorBody
 from feasigrasp.models.objects.motion import HarmonicMotion, ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
@@ -140,22 +140,24 @@ def _checked(motion: Any, name: str) -> ObjectMotion:
     return motion
 
 
-def make_company(scenario: Scenario, obj: RigidObject, motion: ObjectMotion) -> list[Companion]:
+def make_distractor_bodies(
+    scenario: Scenario, obj: RigidObject, motion: ObjectMotion
+) -> list[DistractorBody]:
     """What is seen beside the object: its carrier, and another object.
 
     Raises:
         MeshError: There is no such other object.
     """
-    company: list[Companion] = []
+    distractor_bodies: list[DistractorBody] = []
     kind, distractor = CarrierKind(scenario.carrier.kind), scenario.distractor
     if kind is not CarrierKind.NONE:
-        company.append(Carrier.of(kind, obj, motion, scenario.carrier.hue))
+        distractor_bodies.append(Carrier.of(kind, obj, motion, scenario.carrier.hue))
     if distractor.model:
         other = load_object(distractor.model)
         middle = np.zeros(3) if distractor.moving else np.array(scenario.motion.center)
         about = (motion, middle + distractor.offset, distractor.moving)
-        company.append(Distractor("distractor", other.mesh, other.color, *about))
-    return company
+        distractor_bodies.append(Distractor("distractor", other.mesh, other.color, *about))
+    return distractor_bodies
 
 
 def largest_speed(scenario: Scenario) -> float:

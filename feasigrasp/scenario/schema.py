@@ -19,7 +19,7 @@ from pydrake.systems.sensors import CameraConfig
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.control.mode import SAFE, ControlSpace
-from feasigrasp.models.control.planning.outlook import LookAhead
+from feasigrasp.models.control.planning.predicted_poses import PredictionModel
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.tracker_config import TrackerConfig
@@ -27,7 +27,7 @@ from feasigrasp.models.robot.grippers import PACKAGED
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
 from feasigrasp.scenario.cell import CellConfig
-from feasigrasp.scenario.company import CarrierConfig, DistractorConfig
+from feasigrasp.scenario.distractor_bodies import CarrierConfig, DistractorConfig
 from feasigrasp.scenario.faults import AnyFault
 from feasigrasp.scenario.parts import Options, Part, PartConfig
 
@@ -199,7 +199,7 @@ class ReachabilityConfig:
             reachable poses), ``both`` (exact on what the density lets through) and ``none``
             (nothing is judged).
         horizon: A grasp must stay reachable this long, as the object moves now [s].
-        twins: Whether a grasp turned by 180 degrees counts as another.
+        symmetric_grasps: Whether a grasp turned by 180 degrees counts as another.
         options: Settings of a method that a package adds (`feasigrasp.plugins`), such as ``space``
             of ``rmm`` and ``both``.
     """
@@ -207,7 +207,7 @@ class ReachabilityConfig:
     period: float = 0.1
     method: str = EXACT
     horizon: float = 1.0
-    twins: bool = True
+    symmetric_grasps: bool = True
     options: Options = dc.field(default_factory=dict)
 
 
@@ -230,7 +230,7 @@ class ControlConfig:
         feed_forward: Whether the object's own motion is added to the law.
         density: Whether the density of grasps decides in ``safe`` mode, in task space.
         score: Whether the scores of grasps decide in ``safe`` mode.
-        look_ahead: What plans of ``safe`` mode take the object to do: ``predicted``, to go on as
+        prediction: What plans of ``safe`` mode take the object to do: ``predicted``, to go on as
             the tracker predicts; ``twist``, to keep its twist; ``none``, to stay where it is.
         n_solutions: How many configurations the joint-space field is fitted to, at most.
         source: Where they come from: ``closed_form``; to compare with, ``flow`` (the IK flow) and
@@ -247,7 +247,7 @@ class ControlConfig:
     feed_forward: bool = True
     density: bool = True
     score: bool = True
-    look_ahead: str = LookAhead.PREDICTED.value
+    prediction: str = PredictionModel.PREDICTED.value
     n_solutions: int = 64
     source: str = CLOSED_FORM
     options: Options = dc.field(default_factory=dict)

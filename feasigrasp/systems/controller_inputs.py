@@ -10,8 +10,8 @@ from pydrake.systems.framework import Context
 
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.planning.lookout import Sought
-from feasigrasp.models.control.planning.reserve import kept_surface
+from feasigrasp.models.control.planning.clearance_schedule import obstacle_surface
+from feasigrasp.models.control.planning.search_pose import SearchTarget
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -103,16 +103,18 @@ class ControllerInputs:
         return None if X_WC is None else X_WC.GetAsMatrix4()
 
     @property
-    def sought(self) -> Sought | None:
+    def search_target(self) -> SearchTarget | None:
         """The object that is looked for; None while it is in sight."""
-        sought: Sought | None = optional(self._controller._sought, self._context)
-        return sought
+        search_target: SearchTarget | None = optional(
+            self._controller._search_target, self._context
+        )
+        return search_target
 
     @property
-    def look_from(self) -> Array | None:
+    def viewpoint(self) -> Array | None:
         """The configuration to see the object's other side from, shape (7,) [rad]; None if none."""
-        look_from: Array | None = optional(self._controller._look_from, self._context)
-        return look_from
+        viewpoint: Array | None = optional(self._controller._viewpoint, self._context)
+        return viewpoint
 
     @property
     def seen_by_arm(self) -> bool:
@@ -139,10 +141,10 @@ class ControllerInputs:
         return surface
 
     @checked()
-    def kept_off(self, grid: ObstacleGrid | None) -> ObstacleGrid | None:
-        """What of an object's surface the hand keeps off, see `kept_surface`."""
+    def scheduled_obstacle(self, grid: ObstacleGrid | None) -> ObstacleGrid | None:
+        """What of an object's surface the hand keeps off, see `obstacle_surface`."""
         if grid is None or grid.seen is None:
             return grid
         X_FG, hand = self._controller.reachability.gripper.X_FG, self._controller._open_hand
         X_OH = se3.inverse(self.X_WO) @ forward_kinematics(self.q, X_FG)
-        return kept_surface(grid, X_OH, self.grasps.X_OG, hand)
+        return obstacle_surface(grid, X_OH, self.grasps.X_OG, hand)

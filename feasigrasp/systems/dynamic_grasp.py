@@ -18,9 +18,9 @@ from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.sampling import make_hand_error
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import (
-    looks_for_itself,
     make_part,
     make_station,
+    tracks_from_depth,
 )
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.pipeline import (
@@ -103,16 +103,16 @@ def make_dynamic_grasp(
 
     Beside the `Subsystems`, which have the same names in the diagram, there are ``latency``,
     ``carrying`` (in mode ``safe``), ``reachable``, ``contact_sense``, ``metrics``,
-    ``obstacle_distance``, ``contact``, ``seen_at(latency)`` and ``seen_at(reachable)``. The vector
-    logs ``log(metrics)`` and ``log(obstacle_distance)`` hold their samples, ``log(drive)`` and
-    ``log(arm)`` the commanded and the true state of the arm at the control rate, ``log(torque)``
-    the torques of its motors at every step of the plant. With a Meshcat there are ``scene``,
-    ``visualizer`` and ``camera_pictures`` as well; with a scene field ``scene_perception``,
-    ``clear_grasps`` and ``clear_hand_poses``; with ``segmentation: depth`` ``foreground``; with a
-    tracker of ``kind: camera`` ``true_frame``, and ``in_view`` if the arm carries that camera;
-    where images have a stamp, and the tracker has no such port, ``pose_at_view``; with
-    ``execution: processes`` ``planner``, and ``remote_tracker`` if it looks at images; with faults
-    systems that `FaultInjection` adds.
+    ``obstacle_distance``, ``contact``, ``view_time(latency)`` and ``view_time(reachable)``. The
+    vector logs ``log(metrics)`` and ``log(obstacle_distance)`` hold their samples, ``log(drive)``
+    and ``log(arm)`` the commanded and the true state of the arm at the control rate,
+    ``log(torque)`` the torques of its motors at every step of the plant. With a Meshcat there are
+    ``scene``, ``visualizer`` and ``camera_pictures`` as well; with a scene field
+    ``scene_perception``, ``clear_grasps`` and ``clear_hand_poses``; with ``segmentation: depth``
+    ``foreground``; with a tracker of ``kind: camera`` ``true_frame``, and ``in_view`` if the arm
+    carries that camera; where images have a stamp, and the tracker has no such port,
+    ``pose_at_view``; with ``execution: processes`` ``planner``, and ``remote_tracker`` if it looks
+    at images; with faults systems that `FaultInjection` adds.
 
     A port of any of them can be read while a simulator runs, and a log of one's own when it has
     run::
@@ -166,7 +166,7 @@ def make_dynamic_grasp(
                 "elsewhere; name them in parts, or give perception: {execution: inline}"
             )
         # A fault of the mask has no place over there.
-        tracks = not tracker and not scenario.faults and looks_for_itself(scenario)
+        tracks = not tracker and not scenario.faults and tracks_from_depth(scenario)
         add_perception(cell, remote_object(cell), tracks_elsewhere=tracks)
     else:
         add_perception(

@@ -21,13 +21,13 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.segmentation.foreground import Label
-from feasigrasp.models.segmentation.known_bodies import KnownBodies
+from feasigrasp.models.segmentation.modeled_bodies import ModeledBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.parts import Part, make_named
 from feasigrasp.scenario.sampling import (
     load_scenario_object,
     make_camera_noise,
-    make_company,
+    make_distractor_bodies,
     make_hand_error,
     make_hand_eye,
     make_motion,
@@ -64,7 +64,7 @@ def make_station(scenario: Scenario) -> Station:
     # Only the simulated hand errs: what is planned with is the one that is believed.
     config = replace(station_config(scenario), hand_error=make_hand_error(scenario))
     obj, motion = load_scenario_object(scenario), make_motion(scenario)
-    config.company = make_company(scenario, obj, motion)
+    config.distractor_bodies = make_distractor_bodies(scenario, obj, motion)
     try:
         return Station(config, obj, motion)
     except RuntimeError as error:
@@ -102,7 +102,7 @@ def make_foreground_segmentation(
     """
     # A perfect camera's pixels are told apart no more finely than those of a real one.
     camera = make_camera(scenario, name, without_noise=DepthNoise())
-    bodies = KnownBodies(gripper, cell_boxes(station_config(scenario)))
+    bodies = ModeledBodies(gripper, cell_boxes(station_config(scenario)))
     own = scenario.parts.get(Part.SEGMENTATION)
     if own is not None and mask is None:
         mask = make_named(Part.SEGMENTATION, own, camera)
@@ -124,18 +124,18 @@ def make_field_tracker(scenario: Scenario) -> FieldTracker:
     return FieldTracker(make_camera(scenario), scenario.tracker, other)
 
 
-def led_by_its_camera(scenario: Scenario) -> bool:
+def uses_eye_in_hand_tracking(scenario: Scenario) -> bool:
     """Whether the object is tracked with a camera that the arm carries."""
-    return scenario.tracker.kind == TrackerKind.CAMERA and carries_its_camera(scenario)
+    return scenario.tracker.kind == TrackerKind.CAMERA and has_eye_in_hand_camera(scenario)
 
 
-def looks_for_itself(scenario: Scenario) -> bool:
+def tracks_from_depth(scenario: Scenario) -> bool:
     """Whether the object is found and tracked in depth images, by the scenario's own tracker."""
     camera = scenario.tracker.kind == TrackerKind.CAMERA and Part.TRACKER not in scenario.parts
     return camera and scenario.perception.segmentation == Segmentation.DEPTH
 
 
-def carries_its_camera(scenario: Scenario) -> bool:
+def has_eye_in_hand_camera(scenario: Scenario) -> bool:
     """Whether the arm carries perception's camera."""
     frame = scenario.cameras[scenario.perception.camera].X_PB.base_frame
     return frame not in (None, "", "world")

@@ -42,7 +42,7 @@ class GPJointController(GraspController):
         options = options or JointControlOptions()
         super().__init__(reachability, Solutions.empty(), safety=options.safety, period=period)
         self._control = JointSpaceControl(reachability, options, period)
-        self.rehearse()
+        self.warm_up()
 
     @checked(ControlError)
     def update(self, memory: Solutions, inputs: ControllerInputs) -> Solutions:

@@ -20,9 +20,13 @@ from pydrake.systems.framework import (
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.planning.clearance_schedule import is_close, retreat_velocity
 from feasigrasp.models.control.planning.in_view import velocity_in_view
-from feasigrasp.models.control.planning.lookout import Sought, lookout, lookout_velocity
-from feasigrasp.models.control.planning.reserve import is_close, retreat_velocity
+from feasigrasp.models.control.planning.search_pose import (
+    SearchTarget,
+    search_configuration,
+    search_velocity,
+)
 from feasigrasp.models.control.planning.static_grid import nearest_of
 from feasigrasp.models.control.planning.touch import yielding_velocity
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
@@ -53,7 +57,7 @@ from feasigrasp.systems.ports import (
 )
 
 #: Time between the commands of a rehearsal: long, to be there soon [s].
-_REHEARSAL_STEP = 0.04
+_WARM_UP_STEP = 0.04
 _AT_REST = np.zeros(6)
 
 
@@ -76,8 +80,8 @@ class GraspController(LeafSystem):
         - gpdf
         - touch
         - camera_pose
-        - sought
-        - look_from
+        - search_target
+        - viewpoint
         - tracking
         - plan
         output_ports:
@@ -88,15 +92,15 @@ class GraspController(LeafSystem):
     object frame, reachable ones. Optional are ``desired_velocity``, the last command as the drive
     carried it out, without which accelerations are not limited; ``scene``, a `SceneField` or None,
     which the arm keeps clear of; ``static_obstacles``, an `ObstacleGrid` of what is there from the
-    start, likewise; ``object_motion``, a `Motion` that predicts, without which the
-    object's twist is taken for constant; ``phase``, a `Phase` of `GripperSequencer`, by which a
-    hand that has committed to its grasp keeps to it; ``gpdf``, the object's `Gpdf` or None, whose
-    surface the open hand keeps off; and ``touch``, V7 torques of a contact [Nm], zero without one,
-    to which the arm gives way, whatever `velocity` says. With ``camera_pose``,
-    X_WC of a camera on the hand, which the object is tracked with (``tracking``, a `Tracking`), the
-    arm keeps the object in its image, as long as there is a ``gpdf``; while there is a
-    ``sought``, a `Sought` or None, it looks for that instead, and while there is a ``look_from``,
-    a configuration (7,) or None, it goes there to see the object from another side.
+    start, likewise; ``object_motion``, a `Motion` that predicts, without which the object's twist
+    is taken for constant; ``phase``, a `Phase` of `GripperSequencer`, by which a hand that has
+    committed to its grasp keeps to it; ``gpdf``, the object's `Gpdf` or None, whose surface the
+    open hand keeps off; and ``touch``, V7 torques of a contact [Nm], zero without one, to which the
+    arm gives way, whatever `velocity` says. With ``camera_pose``, X_WC of a camera on the hand,
+    which the object is tracked with (``tracking``, a `Tracking`), the arm keeps the object in its
+    image, as long as there is a ``gpdf``; while there is a ``search_target``, a `SearchTarget` or
+    None, it looks for that instead, and while there is a ``viewpoint``, a configuration (7,) or
+    None, it goes there to see the object from another side.
 
     ``chosen_grasp`` is V16, the grasp that the hand goes for as a matrix X_OG, row by row, and NaN
     where it goes for no one grasp; see `chosen`.
@@ -169,9 +173,9 @@ class GraspController(LeafSystem):
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._touch = self.DeclareVectorInputPort("touch", IIWA_7.joints)
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
-        self._sought = declare_input(self, "sought", kind=Sought | None)
-        self._look_from = declare_input(
-            self, "look_from", kind=Annotated[Array, CONFIGURATION] | None
+        self._search_target = declare_input(self, "search_target", kind=SearchTarget | None)
+        self._viewpoint = declare_input(
+            self, "viewpoint", kind=Annotated[Array, CONFIGURATION] | None
         )
         self._tracking = declare_input(self, "tracking", kind=Tracking | None)
         self._plan = declare_input(self, "plan")
@@ -187,11 +191,13 @@ class GraspController(LeafSystem):
         self._surface = declare_cache(
             self,
             "surface that the hand keeps off",
-            lambda context: ControllerInputs(self, context).kept_off(evaluate(whole, context)),
+            lambda context: ControllerInputs(self, context).scheduled_obstacle(
+                evaluate(whole, context)
+            ),
             {at.ticket() for at in (whole, self._position, self._grasps, self._pose)},
         )
         self._memory = PeriodicState(self, memory, period, self._updated)
-        self._lookout = PeriodicState(self, None, period, self._look_out)
+        self._search_pose = PeriodicState(self, None, period, self._search)
         self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, weakly(self._calc))
         self.DeclareVectorOutputPort(
             "chosen_grasp", 16, weakly(self._calc_chosen), self.memory_tickets
@@ -286,7 +292,7 @@ class GraspController(LeafSystem):
         kept = velocity_in_view(qd, inputs.q, X_FG, X_WC, p_W, v_W, radius)
         return qd if np.array_equal(kept, qd) else self.enforced(kept, inputs)
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """Follows a made-up grasp for a while, so that no kernel is compiled inside a control tick.
 
         For the end of a constructor; nothing is remembered.
@@ -306,7 +312,7 @@ class GraspController(LeafSystem):
             "scene": Value[object](fit_scene(ball + [0.5, 0.3, 0.3], [0.0, 0.0, 1.0])),
             "gpdf": Value[object](fit_gpdf(bowl)),
             "camera_pose": RigidTransform([0.3, 0.0, 0.5]),
-            "sought": Value[object](Sought(X_WO.GetAsMatrix4(), 0.0)),
+            "search_target": Value[object](SearchTarget(X_WO.GetAsMatrix4(), 0.0)),
             "tracking": Value[object](
                 Tracking(TrackingState.TRACKING, 0.0, expected=X_WO.GetAsMatrix4())
             ),
@@ -314,16 +320,16 @@ class GraspController(LeafSystem):
             self.GetInputPort(name).FixValue(context, value)
         memory, some = self.memory(context), grasps
         for tick in range(12):
-            context.SetTime(_REHEARSAL_STEP * tick)
+            context.SetTime(_WARM_UP_STEP * tick)
             self.GetInputPort("position").FixValue(context, q)
             self.GetInputPort("grasps").FixValue(context, AbstractValue.Make(some))
             if tick % 4 == 0:
                 memory = self.update(memory, ControllerInputs(self, context))
-                some = grasps.with_twins()
-                self._look_out(context)
+                some = grasps.with_symmetric()
+                self._search(context)
             qd = self.velocity(memory, ControllerInputs(self, context))
-            q = q + _REHEARSAL_STEP * self.in_view(qd, ControllerInputs(self, context))
-        self.safety.rehearse()
+            q = q + _WARM_UP_STEP * self.in_view(qd, ControllerInputs(self, context))
+        self.safety.warm_up()
 
     def _declare_grid(
         self, name: str, port: InputPort, make_grid: Callable[[Any], ObstacleGrid]
@@ -340,8 +346,8 @@ class GraspController(LeafSystem):
         """The object that the hand keeps off, where it is expected if it is looked for."""
         if inputs.surface is None:
             return None
-        if inputs.sought is not None:
-            return MovingObject(inputs.surface, inputs.sought.X_WO, _AT_REST)
+        if inputs.search_target is not None:
+            return MovingObject(inputs.surface, inputs.search_target.X_WO, _AT_REST)
         return MovingObject(inputs.surface, inputs.X_WO, inputs.V_WO)
 
     def _updated(self, context: Context) -> Any:
@@ -350,31 +356,31 @@ class GraspController(LeafSystem):
             return memory
         return self.update(memory, ControllerInputs(self, context))
 
-    def _look_out(self, context: Context) -> Array | None:
+    def _search(self, context: Context) -> Array | None:
         """The configuration from which the arm looks for the object; None if it does not."""
         inputs = ControllerInputs(self, context)
-        sought, X_WC = inputs.sought, inputs.X_WC
-        if sought is None or X_WC is None:
+        search_target, X_WC = inputs.search_target, inputs.X_WC
+        if search_target is None or X_WC is None:
             return None
-        return lookout(sought, inputs.q, X_WC, self.reachability)
+        return search_configuration(search_target, inputs.q, X_WC, self.reachability)
 
     def _look_again(self, safety: SafetyFilter, q_view: Array, inputs: ControllerInputs) -> Array:
         """The velocity that takes the arm to another view: at first back from the object."""
         X_FG, moving = self.reachability.gripper.X_FG, self._kept_off(inputs)
         if moving is None or not is_close(moving, inputs.q, X_FG):
-            return self.enforced(lookout_velocity(inputs.q, q_view, safety.options.speed), inputs)
+            return self.enforced(search_velocity(inputs.q, q_view, safety.options.speed), inputs)
         return retreat_velocity(
             safety, inputs.q, X_FG, moving, qd_last=inputs.qd_last, obstacles=inputs.obstacles
         )
 
     def _calc(self, context: Context, output) -> None:
         inputs = ControllerInputs(self, context)
-        q_lookout = self._lookout.Eval(context) if inputs.sought else None
-        if q_lookout is not None:
+        q_search = self._search_pose.Eval(context) if inputs.search_target else None
+        if q_search is not None:
             speed = self._safety_options.speed
-            qd = self.enforced(lookout_velocity(inputs.q, q_lookout, speed), inputs)
-        elif inputs.look_from is not None:
-            qd = self.in_view(self._look_again(self.safety, inputs.look_from, inputs), inputs)
+            qd = self.enforced(search_velocity(inputs.q, q_search, speed), inputs)
+        elif inputs.viewpoint is not None:
+            qd = self.in_view(self._look_again(self.safety, inputs.viewpoint, inputs), inputs)
         else:
             qd = self.in_view(self.velocity(self.memory(context), inputs), inputs)
         if inputs.touch.any():

@@ -11,9 +11,9 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Frozen
-from feasigrasp.models.grasps.carry import Carrier
+from feasigrasp.models.grasps.data_association import GraspHistory, recheck_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
-from feasigrasp.models.grasps.matching import GraspHistory, recheck_grasps
+from feasigrasp.models.grasps.payload import PayloadModel
 from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -84,7 +84,7 @@ class GraspSampler(LeafSystem):
         super().__init__()
         self._sampler = sampler
         self._recheck = None if gripper is None else partial(recheck_grasps, gripper=gripper)
-        self._carrier = None if gripper is None else Carrier(gripper, mass)
+        self._payload_model = None if gripper is None else PayloadModel(gripper, mass)
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._rest = rest
         self._before = PeriodicState(self, _Sampled(GraspHistory()), period, self._update)
@@ -119,9 +119,9 @@ class GraspSampler(LeafSystem):
                 "GraspSet, an empty one if there is no grasp"
             )
         history = before.followed_by(gpdf, found, self._recheck)
-        if self._carrier is None:
+        if self._payload_model is None:
             return history
-        return replace(history, grasps=self._carrier.loaded(gpdf, history.grasps))
+        return replace(history, grasps=self._payload_model.with_loads(gpdf, history.grasps))
 
     def _calc(self, context: Context) -> GraspSet:
         history: GraspHistory = self._now.Eval(context)

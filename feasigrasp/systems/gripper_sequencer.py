@@ -13,12 +13,12 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.planning.lookout import SOUGHT_AFTER, Sought
-from feasigrasp.models.control.planning.second_look import (
+from feasigrasp.models.control.planning.next_best_view import (
     Attempt,
-    another_side,
+    next_best_view,
     view_configuration,
 )
+from feasigrasp.models.control.planning.search_pose import SEARCH_AFTER, SearchTarget
 from feasigrasp.models.control.status import StatusCode
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -83,8 +83,8 @@ class GripperSequencer(LeafSystem):
         - gripper_position
         - object_hold
         - phase
-        - sought
-        - look_from
+        - search_target
+        - viewpoint
 
     It stands between the reachability filter and a controller, and passes grasps, object pose and
     twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is
@@ -92,16 +92,16 @@ class GripperSequencer(LeafSystem):
     (``perceived``, a `Perceived`), or perception's process is gone (``lapsed``, V1, not 0), grasps
     lapse: none is passed on, and a controller brakes and waits; ``rejected`` of the empty set has
     the `StatusCode`. Neither are pose and twist (NaN), unless it is a view that contradicts them:
-    then the hand that waits had better keep off where the object may be. Nor are the fingers
-    closed on a pose that is merely extrapolated. These ports are optional. ``sought`` is a `Sought`
-    while an object that is to be approached has been out of sight for a moment, its tracker says
-    where it is expected, and the arm can look there; else None.
+    then the hand that waits had better keep off where the object may be. Nor are the fingers closed
+    on a pose that is merely extrapolated. These ports are optional. ``search_target`` is a
+    `SearchTarget` while an object that is to be approached has been out of sight for a moment, its
+    tracker says where it is expected, and the arm can look there; else None.
 
     ``arrival`` is a `GraspSet` as well: a controller that finds grasps of its own on the way tells
     them here, and they are passed on with the others.
 
     A hand that does not get on gives the nearest grasp up for a while, and looks at the object from
-    another side: ``look_from`` is the configuration (7,) [rad] that the arm is to look from, or
+    another side: ``viewpoint`` is the configuration (7,) [rad] that the arm is to look from, or
     None. It is found with ``camera_pose``, X_WC of a camera on the hand; without one the hand only
     goes for other grasps.
 
@@ -180,8 +180,10 @@ class GripperSequencer(LeafSystem):
         )
         self.DeclareVectorOutputPort("object_hold", 1, weakly(self._calc_hold), {state})
         self.DeclareVectorOutputPort("phase", 1, weakly(self._calc_phase), {state})
-        declare_output(self, "sought", self._calc_sought, {state, self._tracking.ticket()})
-        declare_output(self, "look_from", self._calc_look_from, {state, approach})
+        declare_output(
+            self, "search_target", self._calc_search_target, {state, self._tracking.ticket()}
+        )
+        declare_output(self, "viewpoint", self._calc_viewpoint, {state, approach})
 
     @checked(GraspError)
     def state(self, context: Context) -> GraspState:
@@ -240,7 +242,7 @@ class GripperSequencer(LeafSystem):
             return _Approach(attempt.looking(now, None, np.inf) if attempt.blocked else attempt)
         view = gpdf, X_WO, q, self._camera_pose.Eval(context).GetAsMatrix4(), reachability
         if attempt.blocked:
-            attempt = attempt.looking(now, *another_side(attempt.sides, *view), self._speed)
+            attempt = attempt.looking(now, *next_best_view(attempt.sides, *view), self._speed)
         if attempt.side is None:
             return _Approach(attempt)
         return _Approach(attempt, view_configuration(attempt.side, *view))
@@ -297,16 +299,16 @@ class GripperSequencer(LeafSystem):
         motion: Motion | None = optional(self._motion, context)
         return motion
 
-    def _calc_sought(self, context: Context) -> Sought | None:
+    def _calc_search_target(self, context: Context) -> SearchTarget | None:
         approaching = self.state(context).phase == Phase.APPROACH
         if not (self._looks and approaching and self._tracking.HasValue(context)):
             return None
         tracking: Tracking = self._tracking.Eval(context)
-        if tracking.expected is None or tracking.age < SOUGHT_AFTER:
+        if tracking.expected is None or tracking.age < SEARCH_AFTER:
             return None
-        return Sought(tracking.expected, tracking.age)
+        return SearchTarget(tracking.expected, tracking.age)
 
-    def _calc_look_from(self, context: Context) -> Array | None:
+    def _calc_viewpoint(self, context: Context) -> Array | None:
         q_view: Array | None = self._approach.Eval(context).q_view
         return q_view if self.state(context).phase == Phase.APPROACH else None
 

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel, so3_log_kernel
-from feasigrasp.models.grasps.funnel import grasp_errors
+from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -57,16 +57,16 @@ class Metrics(LeafSystem):
         - grasps
         - phase
         - sampled_grasps
-        - seen_at
+        - view_time
         output_ports:
         - sample
 
     ``state`` is the arm's V14 state, ``object_pose`` the true one, X_WB, ``frame_pose`` the true
     pose X_WO of the object frame in which the grasps are, where that is not the object's own (see
     `TrueFrame`; the port may stay unconnected), ``grasps`` what the controller is given, in O,
-    ``sampled_grasps`` what reachability was judged of, ``seen_at`` the time of the last view behind
-    ``grasps`` (NaN without one). These three may stay unconnected, where nobody knows of them.
-    ``sample`` holds `SAMPLE_NAMES`: smallest distance to a joint limit (negative beyond it);
+    ``sampled_grasps`` what reachability was judged of, ``view_time`` the time of the last view
+    behind ``grasps`` (NaN without one). These three may stay unconnected, where nobody knows of
+    them. ``sample`` holds `SAMPLE_NAMES`: smallest distance to a joint limit (negative beyond it);
     largest joint speed over its limit; manipulability at the flange; error to the nearest grasp
     (NaN without grasps); the object's position in the hand, the hand's orientation on the object as
     a rotation vector, the object's position and orientation in the world likewise; the `Phase`; how
@@ -85,7 +85,7 @@ class Metrics(LeafSystem):
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._sampled = declare_input(self, "sampled_grasps", GraspSet.empty())
-        self._seen_at = self.DeclareVectorInputPort("seen_at", 1)
+        self._view_time = self.DeclareVectorInputPort("view_time", 1)
         self.DeclareVectorOutputPort("sample", len(SAMPLE_NAMES), weakly(self._calc))
 
     def _calc(self, context: Context, output) -> None:
@@ -103,7 +103,9 @@ class Metrics(LeafSystem):
             errors = grasp_errors(grasps.X_OG, X_OH)
             nearest = errors[np.argmin(errors[:, 0] + 0.1 * errors[:, 1])]
         p_HB = inverse_kernel(X_BH)[:3, 3]
-        seen_at = self._seen_at.Eval(context)[0] if self._seen_at.HasValue(context) else np.nan
+        view_time = (
+            self._view_time.Eval(context)[0] if self._view_time.HasValue(context) else np.nan
+        )
         output.SetFromVector(
             np.concatenate(
                 [
@@ -114,7 +116,7 @@ class Metrics(LeafSystem):
                     X_WB[:3, 3],
                     so3_log_kernel(np.ascontiguousarray(X_WB[:3, :3])),
                     self._phase.Eval(context),
-                    [_count(sampled), _count(grasps), context.get_time() - seen_at],
+                    [_count(sampled), _count(grasps), context.get_time() - view_time],
                 ]
             )
         )

@@ -26,14 +26,14 @@ from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.schema import Execution, Scenario, Segmentation
 from feasigrasp.systems.faults.injection import FaultInjection
 from feasigrasp.systems.from_scenario import (
-    carries_its_camera,
-    led_by_its_camera,
+    has_eye_in_hand_camera,
     make_camera,
     make_foreground_segmentation,
     make_grasp_sampler,
     make_object_pixels,
     make_scene,
     make_view_filter,
+    uses_eye_in_hand_tracking,
 )
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
@@ -42,7 +42,7 @@ from feasigrasp.systems.monitoring.contact_sense import ContactSense
 from feasigrasp.systems.monitoring.grasp_visualizer import GraspVisualizer
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.monitoring.true_frame import TrueFrame
-from feasigrasp.systems.reachability_filter import CarryFilter, SceneFilter
+from feasigrasp.systems.reachability_filter import PayloadFilter, SceneFilter
 from feasigrasp.systems.segmentation.mask_segmentation import MaskFn
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.stages.controllers import (
@@ -261,13 +261,13 @@ def add_control(
     """
     scenario = cell.scenario
     config, safe = scenario.reachability, scenario.control.safe
-    sees = carries_its_camera(scenario) and controller.HasInputPort("camera_pose")
-    looks = sees and led_by_its_camera(scenario)
+    sees = has_eye_in_hand_camera(scenario) and controller.HasInputPort("camera_pose")
+    looks = sees and uses_eye_in_hand_tracking(scenario)
     if sees:
         # Where images come late, a camera's `pose` is of their instant, and not of the joints'.
         cell.signal("hand_camera", cell.camera_port("pose_now") or cell.camera_port("pose"))
     if safe:
-        cell.add("carrying", CarryFilter())
+        cell.add("carrying", PayloadFilter())
     if scenario.scene.enabled:
         # What hits the scene either way round takes no place among those that are judged.
         margin = scenario.scene.margin
@@ -312,9 +312,9 @@ def add_measurement(cell: Cell) -> None:
     if cell.scenario.tracker.kind == TrackerKind.CAMERA:  # whose frame is that of its first view
         cell.add("true_frame", TrueFrame(cell.station.plant.time_step()))
     never = np.array([np.nan])
-    cell.add("seen_at(latency)", cell.late(never))
+    cell.add("view_time(latency)", cell.late(never))
     # No `ZeroOrderHold`: of a vector it sees what is made at its ticks, of a set of grasps not yet.
-    cell.add("seen_at(reachable)", Delay(never, 0.0, cell.scenario.reachability.period))
+    cell.add("view_time(reachable)", Delay(never, 0.0, cell.scenario.reachability.period))
     add_judges(cell)
     desired = cell["drive"].GetOutputPort("desired_state")
     LogVectorOutput(desired, cell.builder, cell.scenario.control.period).set_name("log(drive)")

@@ -69,14 +69,14 @@ class Perceived(Frozen):
 
     def without(self, fault: ViewFault, detail: str = "") -> Perceived:
         """The same, and one more view that could not be used."""
-        said = f"{fault}: {detail}" if detail else str(fault)
-        return replace(self, faults=self.faults + Counter([fault]), last_fault=said)
+        text = f"{fault}: {detail}" if detail else str(fault)
+        return replace(self, faults=self.faults + Counter([fault]), last_fault=text)
 
 
 def declare_perceived(
     system: LeafSystem, perceived: Callable[[Context], Perceived], state: set[DependencyTicket]
 ) -> None:
-    """The output ports ``gpdf``, ``perceived``, ``seen_at`` and ``view_faults`` of a perception.
+    """The output ports ``gpdf``, ``perceived``, ``view_time`` and ``view_faults`` of a perception.
 
     Args:
         system: The perception, see `PointCloudToGPDF` for what they are.
@@ -84,7 +84,7 @@ def declare_perceived(
         state: What that depends on.
     """
 
-    def calc_seen_at(context: Context, output) -> None:
+    def calc_view_time(context: Context, output) -> None:
         times = perceived(context).views.times
         output.SetAtIndex(0, times[-1] if len(times) else np.nan)
 
@@ -93,7 +93,7 @@ def declare_perceived(
 
     declare_output(system, "gpdf", lambda context: perceived(context).gpdf, state)
     declare_output(system, "perceived", perceived, state)
-    system.DeclareVectorOutputPort("seen_at", 1, calc_seen_at, state)
+    system.DeclareVectorOutputPort("view_time", 1, calc_view_time, state)
     system.DeclareVectorOutputPort("view_faults", 1, calc_faults, state)
 
 
@@ -112,7 +112,7 @@ class PointCloudToGPDF(LeafSystem):
         output_ports:
         - gpdf
         - perceived
-        - seen_at
+        - view_time
         - view_faults
 
     ``point_cloud`` shows the object only, in the world frame W; ``object_pose`` X_WO and
@@ -120,8 +120,8 @@ class PointCloudToGPDF(LeafSystem):
     while it says that the object is lost, the pose is worth nothing, and no view is compared with
     it. So may ``outline``, an `Outline` in the camera's axes or None, without which all that is
     beside the cloud is taken for free. ``gpdf`` is a `Gpdf` in the object frame O, or None before
-    the first usable view; ``perceived`` holds the merged cloud as well, ``seen_at`` the time of its
-    last view [s], NaN before. The inputs are read every ``period`` seconds. A view with too few
+    the first usable view; ``perceived`` holds the merged cloud as well, ``view_time`` the time of
+    its last view [s], NaN before. The inputs are read every ``period`` seconds. A view with too few
     finite points (object out of sight, or hidden by the hand) changes nothing: the field of the
     earlier views stays valid in O. Nor does one that cannot be used, whatever is wrong with it: it
     is counted in ``view_faults`` (V1) and named in ``perceived``. Outliers are dropped before a
@@ -203,8 +203,10 @@ class PointCloudToGPDF(LeafSystem):
         if not (np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()):
             return seen.without(ViewFault.UNKNOWN_POSE)
         time = context.get_time()
-        tells_more = seen.views.tells_more(p_OC, time, self._views_per_side, self._revisit)
-        if not tells_more and time < seen.looked + self._check - 1e-9:
+        adds_information = seen.views.adds_information(
+            p_OC, time, self._views_per_side, self._revisit
+        )
+        if not adds_information and time < seen.looked + self._check - 1e-9:
             return seen
         points_W = self._cloud.Eval(context).xyzs().T
         finite = np.isfinite(points_W).all(axis=1)
@@ -227,7 +229,7 @@ class PointCloudToGPDF(LeafSystem):
         looked = replace(seen, looked=time, contradicted=contradicted, last_fault="", rival=None)
         if contradicted:
             looked = self._doubted(looked, seen.rival, kept, p_OC, outline)
-        if looked.contradicted or not (tells_more or looked.gpdf is None):
+        if looked.contradicted or not (adds_information or looked.gpdf is None):
             return looked
         merged = self._merged(looked, kept, p_OC, outline)
         return replace(merged, outliers=seen.outliers + len(points_O) - len(kept))

@@ -16,7 +16,7 @@ from feasigrasp.models.clouds.checks import MIN_POINTS
 from feasigrasp.models.clouds.depth_view import DepthView
 from feasigrasp.models.clouds.edges import edge_pixels
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.seen_space import SeenSpace
+from feasigrasp.models.clouds.observed_space import ObservedSpace
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -39,7 +39,7 @@ class _Surroundings(Frozen):
     """The merged views of the surroundings, in W, the space seen, and the field fitted to them."""
 
     cloud: FusedCloud
-    space: SeenSpace
+    space: ObservedSpace
     scene: SceneField | None = None
 
 
@@ -61,10 +61,10 @@ class PointCloudToScene(LeafSystem):
     ``camera_pose`` X_WC a ``RigidTransform``; ``position`` (V7), optional, is that of the arm.
     ``scene`` is a `SceneField` in W, or None before anything was seen. Views are merged, so what
     the camera has turned away from stays; what it looks through later has gone. Space that was
-    never seen and may belong to the surroundings is part of the scene (`SeenSpace`), but for where
-    the arm is or was at a look. Pixels on the edge of a surface are dropped: a real camera mixes
-    the depths of two surfaces there, and what seems to stand between the hand and the table would
-    hold up the arm.
+    never seen and may belong to the surroundings is part of the scene (`ObservedSpace`), but for
+    where the arm is or was at a look. Pixels on the edge of a surface are dropped: a real camera
+    mixes the depths of two surfaces there, and what seems to stand between the hand and the table
+    would hold up the arm.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class PointCloudToScene(LeafSystem):
         self._labels = declare_input(self, "label_image", ImageLabel16I(1, 1))
         self._pose = declare_input(self, "camera_pose", RigidTransform())
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
-        nothing = _Surroundings(FusedCloud.empty(resolution), SeenSpace.unknown(*ARM_BOX))
+        nothing = _Surroundings(FusedCloud.empty(resolution), ObservedSpace.unknown(*ARM_BOX))
         self._seen = PeriodicState(self, nothing, period, self._look)
         state = {self._seen.ticket()}
         declare_output(self, "scene", lambda context: self._seen.Eval(context).scene, state)
@@ -117,11 +117,11 @@ class PointCloudToScene(LeafSystem):
         scene = before.scene
         if scene is None or len(points) or gone.any():
             scene = fit_scene(cloud.points, cloud.directions, resolution=self._resolution)
-        scene = replace(scene, unseen=space.hidden(cloud.points, cloud.directions))
+        scene = replace(scene, unobserved=space.hidden(cloud.points, cloud.directions))
         obstacle_grid(scene)  # now, and not in the tick of a controller that looks it up
         return _Surroundings(cloud, space, scene)
 
-    def _with_arm(self, context: Context, space: SeenSpace) -> SeenSpace:
+    def _with_arm(self, context: Context, space: ObservedSpace) -> ObservedSpace:
         """The space seen, and that in which the arm is with the distance that it keeps."""
         if not self._position.HasValue(context):
             return space

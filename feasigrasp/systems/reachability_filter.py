@@ -12,12 +12,12 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.control.planning.in_view import rated_by_view
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.carry import rated
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.grasps.hand_clearance import scene_clear, unseen_clear
+from feasigrasp.models.grasps.payload import rated_by_payload
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import NotNegative, Positive
-from feasigrasp.models.reach.lookahead import WAY_IN, Judge, JudgedGrasps, judge_grasps
+from feasigrasp.models.reach.predicted_reachability import WAY_IN, Judge, JudgedGrasps, judge_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -77,12 +77,12 @@ class ViewFilter(LeafSystem):
 _DOWN = np.array([0.0, 0.0, -1.0])
 
 
-class CarryFilter(LeafSystem):
+class PayloadFilter(LeafSystem):
     """How likely the pads of grasps bear the object's weight as the object is turned now.
 
     .. pydrake_system::
 
-        name: CarryFilter
+        name: PayloadFilter
         input_ports:
         - grasps
         - object_pose
@@ -91,10 +91,10 @@ class CarryFilter(LeafSystem):
 
     ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
     ``RigidTransform``; while it is not finite, the worst direction of gravity counts, and nothing
-    is dropped. Scores are multiplied by the probability that a grasp carries (`rated`); how sure is
-    enough depends on what is in reach, which `GripperSequencer` knows. What hardly carries is
-    dropped and counted as "too heavy there". Grasps whose `GraspSet.load` nobody has told pass as
-    they are.
+    is dropped. Scores are multiplied by the probability that a grasp carries (`rated_by_payload`);
+    how sure is enough depends on what is in reach, which `GripperSequencer` knows. What hardly
+    carries is dropped and counted as "too heavy there". Grasps whose `GraspSet.load` nobody has
+    told pass as they are.
     """
 
     def __init__(self) -> None:
@@ -107,7 +107,7 @@ class CarryFilter(LeafSystem):
     def _calc(self, context: Context) -> GraspSet:
         R_WO = self._pose.Eval(context).rotation().matrix()
         down = _DOWN @ R_WO if np.isfinite(R_WO).all() else None
-        return rated(self._grasps.Eval(context), down)
+        return rated_by_payload(self._grasps.Eval(context), down)
 
 
 class SceneFilter(LeafSystem):
@@ -158,7 +158,7 @@ class SceneFilter(LeafSystem):
             return grasps.select(np.zeros(len(grasps), dtype=bool), Rejection.UNKNOWN_POSE)
         for judge, reason in (
             (scene_clear, Rejection.HITS_SCENE),
-            (unseen_clear, Rejection.UNSEEN),
+            (unseen_clear, Rejection.UNOBSERVED),
         ):
             X_WG = X_WO @ grasps.X_OG
             clear = judge(scene, X_WG, self._gripper, self._margin)
@@ -205,19 +205,19 @@ class ReachabilityFilter(LeafSystem):
         judge: Judge,
         *,
         horizon: NotNegative = 1.0,
-        twins: bool = True,
+        symmetric_grasps: bool = True,
         way_in: NotNegative = WAY_IN,
         period: Positive = ReachabilityConfig.period,
     ) -> None:
         """A filter by a judge, such as `Reachability`.
 
-        Without ``twins`` grasps are judged as they are, not their flips. Which grasps were kept is
-        remembered every ``period`` seconds.
+        Without ``symmetric_grasps`` grasps are judged as they are, not their flips. Which grasps
+        were kept is remembered every ``period`` seconds.
         """
         super().__init__()
         self._judge = judge
         self._judge.verdicts(np.eye(4))  # compiles its kernels, before the first tick
-        self._horizon, self._twins, self._way_in = horizon, twins, way_in
+        self._horizon, self._symmetric_grasps, self._way_in = horizon, symmetric_grasps, way_in
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._velocity = declare_input(self, "object_velocity", SpatialVelocity.Zero())
@@ -243,7 +243,7 @@ class ReachabilityFilter(LeafSystem):
             self._velocity.Eval(context).get_coeffs(),
             self._judge,
             self._horizon,
-            twins=self._twins,
+            symmetric_grasps=self._symmetric_grasps,
             way_in=self._way_in,
             motion=optional(self._motion, context),
             kept_before=self._kept_before.Eval(context),

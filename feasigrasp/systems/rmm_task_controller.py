@@ -5,7 +5,7 @@ from __future__ import annotations
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.planning.outlook import poses_ahead
+from feasigrasp.models.control.planning.predicted_poses import predicted_poses
 from feasigrasp.models.control.task.memory import TaskMemory
 from feasigrasp.models.control.task.safe_law import TaskControlOptions, task_space_velocity
 from feasigrasp.models.quantities import Count, Positive, Whole
@@ -46,17 +46,20 @@ class RMMTaskController(GraspController):
         options = options or TaskControlOptions()
         super().__init__(reachability, TaskMemory(), safety=options.safety, period=period)
         self._options, self._max_components, self._seed = options, max_components, seed
-        self.rehearse()
+        self.warm_up()
 
     @checked(ControlError)
     def update(self, memory: TaskMemory, inputs: ControllerInputs) -> TaskMemory:
         """The mixture over the present grasps, in the object frame, and the grasp to follow."""
         memory = memory.with_grasps(inputs.grasps, self._max_components, self._seed)
         choice = self._options.choice
-        instants = choice.prices.instants_from(inputs.time, memory.choice.due)
-        ahead = poses_ahead(choice.look_ahead, inputs.motion, inputs.X_WO, inputs.V_WO, instants)
+        instants = choice.costs.instants_from(inputs.time, memory.choice.interception_time)
+        predicted = predicted_poses(
+            choice.prediction, inputs.motion, inputs.X_WO, inputs.V_WO, instants
+        )
         return memory.with_choice(
-            *(inputs.time, inputs.q, ahead, self.reachability, choice), committed=inputs.committed
+            *(inputs.time, inputs.q, predicted, self.reachability, choice),
+            committed=inputs.committed,
         )
 
     @checked(ControlError)

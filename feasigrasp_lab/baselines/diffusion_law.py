@@ -20,7 +20,7 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.control.task.safe_law import hand_twist_kernel
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.funnel import grasp_errors
+from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.network.surface_input import grasp_input
 from feasigrasp.models.reach.reachability import Reachability
@@ -143,8 +143,10 @@ class DiffusedField(Frozen):
         for _ in range(_STEPS):
             X = X @ se3.exp(_SHARE * self.way(X))
         X_OG, width, held = closed_on(self.gpdf, X[None], opening)
-        sure = np.ones(int(held.sum()))  # nobody judges it, and its being there changes no other
-        return GraspSet(X_OG[held], width[held], sure, carries=sure)
+        reliable = np.ones(
+            int(held.sum())
+        )  # nobody judges it, and its being there changes no other
+        return GraspSet(X_OG[held], width[held], reliable, payload_score=reliable)
 
     def way(self, X_OH: Array) -> Array:
         """Variance of the noise times the gradient, downwards, at a hand pose (4, 4) in O.

@@ -11,7 +11,7 @@ from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.network.surface_input import grasp_input
-from feasigrasp.models.grasps.thinning import LIKELY, thin_grasps
+from feasigrasp.models.grasps.non_maximum_suppression import LEAST_SCORE, suppress_non_maxima
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp_lab.baselines.grasp_diffusion import (
@@ -37,7 +37,8 @@ class DiffusionSampler:
         n_samples: Poses that are drawn; the paper takes 100.
         n_points: Surface points shown to the energy, as many as it was trained on.
         n_grasps: Most grasps returned.
-        least_score: Grasps that score less are left out, while there are enough; see `thin_grasps`.
+        least_score: Grasps that score less are left out, while there are enough; see
+            `suppress_non_maxima`.
         seed: Seeds the samples.
     """
 
@@ -46,7 +47,7 @@ class DiffusionSampler:
     n_samples: int = 100
     n_points: int = 256
     n_grasps: int = 64
-    least_score: float = LIKELY
+    least_score: float = LEAST_SCORE
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -63,8 +64,8 @@ class DiffusionSampler:
         """What filter and thinning leave of hand poses (n, 4, 4)."""
         X_OG, width, held = closed_on(gpdf, X_OG, self.gripper.max_opening)
         grasps = filter_grasps(gpdf, X_OG[held], width[held], self.gripper)
-        thinned = thin_grasps(grasps, self.n_grasps, least_score=self.least_score)
-        return thinned.counted({Rejection.NOTHING_BETWEEN: int(np.count_nonzero(~held))})
+        distinct_grasps = suppress_non_maxima(grasps, self.n_grasps, least_score=self.least_score)
+        return distinct_grasps.counted({Rejection.NOTHING_BETWEEN: int(np.count_nonzero(~held))})
 
     def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, int]:
         """The poses as they were drawn.

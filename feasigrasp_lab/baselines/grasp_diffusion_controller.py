@@ -92,7 +92,7 @@ class GraspDiffusionController(GraspController):
         declare_output(
             self, "arrival", lambda context: self.memory(context).arrival, self.memory_tickets
         )
-        self.rehearse()
+        self.warm_up()
 
     def update(self, memory: DiffusedField, inputs: ControllerInputs) -> DiffusedField:
         """The energy of the present field, and its noise."""

@@ -51,7 +51,7 @@ class NearestGraspController(GraspController):
         """A controller; arguments as of `GraspController`, and the gains of the law."""
         super().__init__(reachability, NearestGrasp(), safety=safety, period=period)
         self._options = options or NearestOptions()
-        self.rehearse()
+        self.warm_up()
 
     def update(self, memory: NearestGrasp, inputs: ControllerInputs) -> NearestGrasp:
         """The grasp to follow."""

@@ -14,7 +14,7 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.control.task.safe_law import hand_twist_kernel
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
+from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, standoff_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
@@ -36,7 +36,7 @@ class NearestOptions:
         max_angular: Largest angular speed relative to the object [rad/s].
         damping: Of the pseudo-inverse.
         feed_forward: Whether the object's twist is added.
-        funnel: The way into the grasp.
+        corridor: The way into the grasp.
     """
 
     gain: float = 5.0
@@ -44,7 +44,7 @@ class NearestOptions:
     max_angular: float = 1.5
     damping: float = 0.02
     feed_forward: bool = True
-    funnel: Funnel = field(default_factory=Funnel)
+    corridor: ApproachCorridor = field(default_factory=ApproachCorridor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def nearest_grasp_velocity(
     X_WH, J_WH = pose_and_jacobian(q, reachability.gripper.X_FG)
     X_OH = se3.inverse(X_WO) @ X_WH
     X_OT = grasp.X_OG.copy()
-    X_OT[:3, 3] -= standoff_kernel(X_OT, X_OH, options.funnel.parameters) * X_OT[:3, 2]
+    X_OT[:3, 3] -= standoff_kernel(X_OT, X_OH, options.corridor.parameters) * X_OT[:3, 2]
     u_H = -options.gain * se3.log(se3.inverse(X_OT) @ X_OH)
     V_O = np.array(V_WO if options.feed_forward else np.zeros(6), dtype=float)
     limits = options.max_angular, options.max_linear

@@ -36,7 +36,7 @@ class Unenforced(GraspController):
         """The velocity itself."""
         return qd
 
-    def _look_out(self, context: Context) -> None:
+    def _search(self, context: Context) -> None:
         """The arm looks for nothing."""
 
     def _calc(self, context: Context, output) -> None:
@@ -83,7 +83,7 @@ class PaperTaskController(Unenforced):
         super().__init__(reachability, TaskMemory(), period=period)
         self._options, self._max_components = options or PaperTaskOptions(), max_components
         self._seed = seed
-        self.rehearse()
+        self.warm_up()
 
     def update(self, memory: TaskMemory, inputs: ControllerInputs) -> TaskMemory:
         """The mixture over the present grasps, in the object frame."""
@@ -115,7 +115,7 @@ class PaperJointController(Unenforced):
         """A controller of `PaperJointControl`; arguments as of `GPJointController`."""
         super().__init__(reachability, Solutions.empty(), period=period)
         self._control = PaperJointControl(reachability, options or PaperJointOptions(), period)
-        self.rehearse()
+        self.warm_up()
 
     def update(self, memory: Solutions, inputs: ControllerInputs) -> Solutions:
         """The solutions to follow."""

@@ -108,7 +108,7 @@ class PaperGraspNetwork(GraspNetwork):
         """As `propose`, from features in the precision of the network's weights."""
         heads = torch_heads(self.network, features)
         contact, score = (expit(at.double().numpy()) for at in (heads.contact, heads.free))
-        width, spread = (of_mode.double().numpy() for of_mode in heads.likeliest_width())
+        width, spread = (of_mode.double().numpy() for of_mode in heads.mode_width())
         closing, approach = (at.double().numpy() for at in (heads.closing, heads.approach))
         return GraspProposals(contact, closing, width, np.sqrt(2.0) * spread, approach, score)
 

@@ -21,11 +21,11 @@ from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.search import SolutionSearch
 from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.planning.continuation import branch_kernel
-from feasigrasp.models.control.planning.outlook import LookAhead, poses_ahead
-from feasigrasp.models.control.planning.prices import Prices
-from feasigrasp.models.grasps.funnel import Funnel
+from feasigrasp.models.control.planning.cost_weights import CostWeights
+from feasigrasp.models.control.planning.predicted_poses import PredictionModel, predicted_poses
+from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.ik.arm_circle import arm_angle_kernel
+from feasigrasp.models.ik.self_motion import arm_angle_kernel
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.reach.reachability import Reachability
@@ -34,9 +34,9 @@ from feasigrasp_lab.paper.options import Law
 from feasigrasp_lab.paper.sources import Draw
 
 #: Straight to the grasps.
-_FUNNEL: Funnel = JointControlOptions().funnel._replace(max_standoff=0.0)
+_FUNNEL: ApproachCorridor = JointControlOptions().corridor._replace(max_standoff=0.0)
 #: No plan: nothing but the present counts.
-_PRICES = Prices(times=(0.0,))
+_PRICES = CostWeights(times=(0.0,))
 
 
 def _resampled(draw: Draw, n: int, X_WF: Array) -> tuple[Array, Indices]:
@@ -111,12 +111,12 @@ class PaperJointOptions:
 
 @compiled
 def _velocity_kernel(
-    q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, funnel, law
+    q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, corridor, law
 ):
     as_printed, gain, feed_forward = law
     gradient, forward = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
     d, left = field_kernel(
-        *(q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, funnel),
+        *(q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, corridor),
         *(np.inf, gradient, forward),
     )
     qd = np.zeros(IIWA_7.joints)
@@ -176,7 +176,7 @@ class PaperJointControl:
         """The solutions for the next period, as `JointSpaceControl.update`."""
         if not np.isfinite(X_WO.sum() + V_WO.sum() + q.sum()):
             return previous
-        ahead = poses_ahead(LookAhead.PREDICTED, motion, X_WO, V_WO, _PRICES.instants)
+        ahead = predicted_poses(PredictionModel.PREDICTED, motion, X_WO, V_WO, _PRICES.instants)
         q, draw, X_OG = np.ascontiguousarray(q, dtype=float), self._options.draw, grasps.X_OG
         if draw is None:
             return self._search.update(previous, time, grasps, ahead, q)

@@ -101,7 +101,7 @@ PAPER = PaperMode(
         "perception.views": 1,
         "reachability.method": "rmm",
         "reachability.horizon": 0.0,
-        "reachability.twins": False,
+        "reachability.symmetric_grasps": False,
         "reachability.options": {"space": "paper"},
         "control.feed_forward": False,
         "control.n_solutions": 100,

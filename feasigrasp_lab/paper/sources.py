@@ -14,7 +14,7 @@ import numpy as np
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.joint.sources import distance_kernel, select_kernel
-from feasigrasp.models.control.planning.prices import Prices, rate_kernel
+from feasigrasp.models.control.planning.cost_weights import CostWeights, running_cost_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.ik.least_squares import refine
 from feasigrasp.models.reach.kernels import Search
@@ -63,12 +63,14 @@ def _random_configurations(draws: int) -> Array:
 
 
 @compiled
-def _drawn(q, q_now, known, search, prices, worth, found):
+def _drawn(q, q_now, known, search, costs, worth, found):
     """Of drawn configurations (n, 7), those that are any good; returns how many."""
     scores = np.full(len(q), np.inf)
     for i in range(len(q)):
         if inside_limits_kernel(q[i], search.limit_margin):
-            scores[i] = distance_kernel(q[i], q_now) + worth * rate_kernel(q[i], 0.0, prices[0])
+            scores[i] = distance_kernel(q[i], q_now) + worth * running_cost_kernel(
+                q[i], 0.0, costs[0]
+            )
     return select_kernel(q, scores, known, search, found) if len(q) > 0 else 0
 
 
@@ -79,16 +81,16 @@ def _drawn_configurations(
     known: list[Array],
     per_pose: int,
     search: Search,
-    prices: Prices,
+    costs: CostWeights,
     radians_per_second: float,
 ) -> list[Array]:
     """As `feasigrasp.models.control.joint.sources.closed_form_configurations`, of what is drawn."""
     if len(X_WF) == 0:
         return []
-    worth, result = radians_per_second * prices.times[-1], []
+    worth, result = radians_per_second * costs.times[-1], []
     for q, taken in zip(draw(X_WF, DRAWS), known, strict=True):
         found = np.empty((max(per_pose - len(taken), 0), IIWA_7.joints))
-        count = _drawn(q, q_now, taken, search, prices.record, worth, found)
+        count = _drawn(q, q_now, taken, search, costs.record, worth, found)
         result.append(found[:count])
     return result
 

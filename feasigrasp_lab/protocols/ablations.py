@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
-from feasigrasp.models.control.planning.outlook import LookAhead
+from feasigrasp.models.control.planning.predicted_poses import PredictionModel
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.results.statistics import mean_of_objects
@@ -33,9 +33,9 @@ ABLATIONS = {
     NO_DENSITY: _with({"control.density": False}),
     "-no-score": _with({"control.score": False}),
     "-no-look-ahead": _with(
-        {"control.look_ahead": LookAhead.NONE.value, "reachability.horizon": 0.0}
+        {"control.prediction": PredictionModel.NONE.value, "reachability.horizon": 0.0}
     ),
-    "-no-prediction": _with({"control.look_ahead": LookAhead.TWIST.value}),
+    "-no-prediction": _with({"control.prediction": PredictionModel.TWIST.value}),
     "-no-feed-forward": _with({"control.feed_forward": False}),
     "-no-hidden-side": _with({"perception.hidden_side": False}),
     "-one-view": _with({"perception.views": 1}),

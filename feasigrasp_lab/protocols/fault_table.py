@@ -60,7 +60,7 @@ class StudiedFault:
         return [] if self.fault is None else [dc.replace(self.fault, start=start)]
 
 
-_UNSEEN = ("nothing_seen", "no_grasp", "views_dropped")
+_UNOBSERVED = ("nothing_seen", "no_grasp", "views_dropped")
 _DOUBTED = ("pose_jumped", "pose_contradicted", "pose_lost", "views_dropped")
 _KEEP = "grasps of what was seen before stay good, since the pose is tracked; without any it waits"
 _DROP = "views that contradict the others, or cannot be fitted, are dropped and counted"
@@ -70,23 +70,23 @@ _FOLLOW = "it follows, and grasps when the hand has caught up"
 #: Every fault of the study, by name.
 FAULTS: dict[str, StudiedFault] = {
     "camera_gone": StudiedFault(
-        "no image any more: no depth in any pixel", _KEEP, CameraGone(), _UNSEEN
+        "no image any more: no depth in any pixel", _KEEP, CameraGone(), _UNOBSERVED
     ),
     "camera_black": StudiedFault(
-        "every depth is zero: all points are in the camera", _DROP, CameraBlack(), _UNSEEN
+        "every depth is zero: all points are in the camera", _DROP, CameraBlack(), _UNOBSERVED
     ),
     "one_plane": StudiedFault(
         "all points of the object lie on one plane",
         _DROP,
         OnePlane(),
-        (*_UNSEEN, "none_reachable", "pose_contradicted"),
+        (*_UNOBSERVED, "none_reachable", "pose_contradicted"),
     ),
     **{
         f"outliers_{percent}": StudiedFault(
             f"{percent} % of the pixels 5 cm off in depth",
             "they are removed before the fit, and counted",
             Outliers(share=percent / 100.0),
-            _UNSEEN,
+            _UNOBSERVED,
             held=percent == 5,
         )
         for percent in (1, 5, 20)
@@ -95,26 +95,26 @@ FAULTS: dict[str, StudiedFault] = {
         "the mask lies 10 pixels beside the object",
         _DROP,
         MaskShifted(),
-        (*_UNSEEN, "pose_contradicted"),
+        (*_UNOBSERVED, "pose_contradicted"),
         held=True,
     ),
     "mask_eroded": StudiedFault(
-        "the mask misses a rim of 10 pixels", _DROP, MaskEroded(), _UNSEEN, held=True
+        "the mask misses a rim of 10 pixels", _DROP, MaskEroded(), _UNOBSERVED, held=True
     ),
     "mask_dilated": StudiedFault(
         "the mask has a rim of 10 pixels too much",
         _DROP,
         MaskDilated(),
-        (*_UNSEEN, "pose_contradicted"),
+        (*_UNOBSERVED, "pose_contradicted"),
         held=True,
     ),
     "mask_whole": StudiedFault(
         "the whole image is taken for the object",
         _DROP,
         MaskWhole(),
-        (*_UNSEEN, "none_reachable", "pose_contradicted"),
+        (*_UNOBSERVED, "none_reachable", "pose_contradicted"),
     ),
-    "mask_empty": StudiedFault("no pixel is taken for the object", _KEEP, MaskEmpty(), _UNSEEN),
+    "mask_empty": StudiedFault("no pixel is taken for the object", _KEEP, MaskEmpty(), _UNOBSERVED),
     "pose_frozen": StudiedFault(
         "the measured pose stays the same, bit for bit",
         "it is believed until a view contradicts it: then grasps lapse, the arm brakes and waits",

@@ -24,8 +24,8 @@ from pydrake.multibody.tree import BodyIndex, PdControllerGains
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
-from feasigrasp.models.objects.carrying import Load, carrying_wrench_kernel
 from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.models.objects.spring_drive import DrivenBody, drive_wrench_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.systems.ports import declare_output, weakly
 from feasigrasp.systems.station.cell_models import FINGER_KD, FINGER_KP
@@ -101,7 +101,7 @@ class HandLoad(LeafSystem):
         inertia = plant.get_body(body_index).default_spatial_inertia()
         self._body_index = body_index
         I_BBcm = inertia.CalcRotationalInertia().CopyToFullMatrix3()
-        self._object = Load(inertia.get_mass(), I_BBcm, np.zeros(3), _SERVO_FREQUENCY)
+        self._object = DrivenBody(inertia.get_mass(), I_BBcm, np.zeros(3), _SERVO_FREQUENCY)
         self._opening = opening
         self.let_go = opening / CLOSING_SPEED + SQUEEZE_TIME
         self.end = self.let_go + RAMP_TIME + LIFT_TIME + 3.0 * SHAKE_PERIOD
@@ -128,7 +128,7 @@ class HandLoad(LeafSystem):
         if since < 0.0:
             X_GO = context.get_numeric_parameter(self._pose).value().reshape(4, 4)
             state, still = self._state.Eval(context), (np.zeros(6), np.zeros(3))
-            carrying_wrench_kernel(state, np.ascontiguousarray(X_GO), *still, self._object, wrench)
+            drive_wrench_kernel(state, np.ascontiguousarray(X_GO), *still, self._object, wrench)
         else:
             wrench[3:] = self._object.mass * load(since)
         return force_on(self._body_index, wrench)

@@ -210,7 +210,7 @@ def _objects(args: argparse.Namespace, study: Study) -> dict[str, str]:
     if args.split is Split.DEVELOPMENT:
         return select_objects(args.objects or study.objects)
     # Needs a package that only training needs otherwise.
-    from feasigrasp_lab.training.data.unseen_objects import write_test_objects
+    from feasigrasp_lab.training.data.held_out_objects import write_test_objects
 
     return write_test_objects(args.out / "objects", 1 if args.quick else TEST_OBJECTS)
 

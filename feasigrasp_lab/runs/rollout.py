@@ -37,8 +37,8 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.one_thread import one_thread
 from feasigrasp.runs.metrics.motion_limits import JointTicks
+from feasigrasp.runs.metrics.reference_robot import reference_robot
 from feasigrasp.runs.metrics.robot_limits import self_collision_metrics
-from feasigrasp.runs.metrics.robot_twin import robot_twin
 from feasigrasp.runs.metrics.run_metrics import TRACKED_ANGLE, TRACKED_POSITION, summarize
 from feasigrasp.runs.metrics.table import METRICS, Metric, Subject
 from feasigrasp.scenario.sampling import lap, make_motion
@@ -222,7 +222,7 @@ def roll_out(
     Q = states.T[::every, : IIWA_7.joints]
     return Rollout(
         rollout_metrics(samples, states.T, scenario.control.period)
-        | self_collision_metrics(robot_twin(cell_directives(scenario)), Q),
+        | self_collision_metrics(reference_robot(cell_directives(scenario)), Q),
         times,
         samples,
         states.T,

@@ -69,7 +69,7 @@ def _shares(model: str, args: argparse.Namespace) -> dict[str, float]:
     grasps = object_grasps(model, seed=args.seed)
     if len(grasps) == 0:
         return {}
-    both = grasps.with_twins()
+    both = grasps.with_symmetric()
     plain = fit_riemannian_mixture(both.X_OG, args.components, rng)
     best = fit_grasp_mixture(both, 10, rng)
     X_OH = se3.random_pose(rng, _STARTS)

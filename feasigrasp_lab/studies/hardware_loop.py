@@ -26,7 +26,7 @@ from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_cs
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.runs.hardware.network import Network
-from feasigrasp_lab.runs.hardware.pair import Blow, run_pair
+from feasigrasp_lab.runs.hardware.pair import ProcessFault, run_pair
 from feasigrasp_lab.runs.isolated import run_all
 from feasigrasp_lab.runs.plan import PlannedRun, Split, add_scenario_arguments, plan
 
@@ -40,9 +40,9 @@ LIMITS = (
     "torque_limit_violation_percent",
     "self_collision_percent",
 )
-_AT_CONTROLLER = [blow for blow in Blow if not blow.at_worker]
+_AT_CONTROLLER = [process_fault for process_fault in ProcessFault if not process_fault.at_worker]
 #: What is kept of what was heard of the controller.
-_HEARD = (
+_RECEIVED = (
     *("request_gap_ms_max", "request_gap_ms_p99", "rest_s", "commands_missing"),
     *("commands_late", "commands_clamped", "driver_stopped_by_joint"),
 )
@@ -78,11 +78,11 @@ def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     runs = plan(args).runs
     if args.quick:
-        runs, args.blows, args.networks = runs[:1], 2, 0
+        runs, args.process_faults, args.networks = runs[:1], 2, 0
     # One pair after the other by default: two processes keep two processors busy.
     pairs = max(1, args.jobs // 2)
     inline = run_all(runs, args.out / "inline", args.jobs, desc="one process")
-    items = planned_pairs(runs, args.blows, args.networks, args.seed)
+    items = planned_pairs(runs, args.process_faults, args.networks, args.seed)
     rate = {"rate": args.rate}
     folder = args.out / "pairs"
     found = finish_all(items, folder, rate, outcome, jobs=pairs, desc="two processes")
@@ -96,21 +96,21 @@ def main(args: argparse.Namespace) -> int:
 
 
 def planned_pairs(
-    runs: Sequence[PlannedRun], blows: int, networks: int, seed: int
+    runs: Sequence[PlannedRun], process_faults: int, networks: int, seed: int
 ) -> dict[str, dict[str, Any]]:
     """What befalls which run, and when: every run once without, and others in turn with a fault."""
     rng = np.random.default_rng(seed)
-    faults: list[str] = list(itertools.islice(itertools.cycle(Blow), blows))
+    faults: list[str] = list(itertools.islice(itertools.cycle(ProcessFault), process_faults))
     faults += [network for network in Network for _ in range(networks)]
     plain = [(run, "") for run in runs]
-    struck = list(zip(itertools.cycle(runs), faults, strict=False))
+    faulted = list(zip(itertools.cycle(runs), faults, strict=False))
     return {
         f"{number}-{fault or 'none'}-{run.id}": {
             "text": dump_scenario(run.scenario),
             "fault": str(fault),
             "at": float(rng.uniform(*_DURING)),
         }
-        for number, (run, fault) in enumerate([*plain, *struck])
+        for number, (run, fault) in enumerate([*plain, *faulted])
     }
 
 
@@ -127,30 +127,33 @@ def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
     """
     record: Record = {"name": name, "fault": item["fault"], "at": item["at"]}
     try:
-        said = run_pair(name, item["text"], rate=rate, fault=item["fault"], at=item["at"])
+        report = run_pair(name, item["text"], rate=rate, fault=item["fault"], at=item["at"])
     except FeasigraspError as error:
-        empty = dict.fromkeys((*LIMITS, *_HEARD, "image_to_grasps_ms", "real_time_factor"))
+        empty = dict.fromkeys((*LIMITS, *_RECEIVED, "image_to_grasps_ms", "real_time_factor"))
         record |= {"crashed": True, "error": str(error), "held": False, "broken": True} | empty
         return [record]
-    metrics, heard = said["metrics"], said["hardware"]
-    restless = item["fault"] in _AT_CONTROLLER and heard["rest_s"] is None
-    stopped = heard["driver_stopped_by_joint"] > 0
+    metrics, received = report["metrics"], report["hardware"]
+    restless = item["fault"] in _AT_CONTROLLER and received["rest_s"] is None
+    stopped = received["driver_stopped_by_joint"] > 0
     broken = restless or stopped or any((metrics[key] or 0.0) > 0.0 for key in LIMITS)
-    record |= {"crashed": False, "error": said["error"], "held": bool(metrics["grasp_held"])}
+    record |= {"crashed": False, "error": report["error"], "held": bool(metrics["grasp_held"])}
     record |= {"broken": broken} | {key: metrics[key] for key in LIMITS}
-    record |= {key: heard[key] for key in _HEARD}
-    record |= {"image_to_grasps_ms": said.get("on_hardware", {}).get("image_to_grasps_ms")}
-    return [record | {"real_time_factor": said["timings"]["real_time_factor"]}]
+    record |= {key: received[key] for key in _RECEIVED}
+    record |= {"image_to_grasps_ms": report.get("on_hardware", {}).get("image_to_grasps_ms")}
+    return [record | {"real_time_factor": report["timings"]["real_time_factor"]}]
 
 
 def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:
     """Figures of the runs without a fault, of blows, and of every network."""
     rows = []
     plain = [each for each in outcomes if not each["fault"]]
-    blows = [each for each in outcomes if each["fault"] in _AT_CONTROLLER]
+    process_faults = [each for each in outcomes if each["fault"] in _AT_CONTROLLER]
     # The times of a controller on a good network are those of the runs without a fault.
-    groups = {"processes": plain, "blows": blows}
-    others = [*(blow for blow in Blow if blow.at_worker), *Network]
+    groups = {"processes": plain, "blows": process_faults}
+    others = [
+        *(process_fault for process_fault in ProcessFault if process_fault.at_worker),
+        *Network,
+    ]
     groups |= {str(n): [e for e in outcomes if e["fault"] == n] for n in others}
     for preset, group in groups.items():
         if not group:
@@ -169,9 +172,9 @@ def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:
         if values := [each[key] for each in plain if each[key] is not None]:
             unit = "ms" if "_ms" in name else "1"
             rows.append(Row.plain(name, "processes", float(worst(values)), unit, len(values)))
-    if blows:
-        rests = [each["rest_s"] for each in blows if each["rest_s"] is not None]
-        rows.append(Row.plain("hardware.at_rest", "blows", len(rests), "1", len(blows)))
+    if process_faults:
+        rests = [each["rest_s"] for each in process_faults if each["rest_s"] is not None]
+        rows.append(Row.plain("hardware.at_rest", "blows", len(rests), "1", len(process_faults)))
         if rests:
             rows.append(Row.plain("hardware.rest_s.max", "blows", max(rests), "s", len(rests)))
     return rows

@@ -33,7 +33,7 @@ SCENARIOS = "PaperCircular,PaperLinear,PaperSinusoidal,ReachCircular,ReachLinear
 #: Time between measurements, and over which the difference is taken that is the peer [s].
 PERIOD, WINDOW = 0.005, 0.02
 #: How far ahead poses are predicted [s].
-AHEAD = (0.5, 1.0, 2.0, 4.0)
+HORIZON = (0.5, 1.0, 2.0, 4.0)
 #: Nothing is compared before this: the predictor wants to see some path [s].
 _START = 6.0
 
@@ -104,7 +104,7 @@ def motion_errors(
         estimate = MotionEstimate(state.copy(), now)
         by_path = np.linalg.norm(estimate.velocity(V_now[3:]) - V_true[3:])
         errors["velocity_mm_s/path"].append(1e3 * float(by_path))
-        for s, predicted in zip(AHEAD, estimate.predict(AHEAD), strict=True):
+        for s, predicted in zip(HORIZON, estimate.predict(HORIZON), strict=True):
             position, angle = _apart(predicted, motion.pose(now + s))
             errors[f"ahead_{s:g}s_cm/predictor"].append(100.0 * position)
             errors[f"ahead_{s:g}s_deg/predictor"].append(np.rad2deg(angle))

@@ -46,7 +46,11 @@ from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.runs.floating_gripper import hold_trials
 from feasigrasp_lab.training.data.grasp_examples import fuse_and_complete, true_input
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
-from feasigrasp_lab.training.data.unseen_objects import DEFAULT_OBJECTS, make_object, unseen_objects
+from feasigrasp_lab.training.data.held_out_objects import (
+    DEFAULT_OBJECTS,
+    held_out_objects,
+    make_object,
+)
 from feasigrasp_lab.training.data.views import ViewedObject, turning_views
 
 #: Samplers whose grasps are simulated; networks among them; and how a network is called that gets
@@ -187,7 +191,7 @@ def _hold(obj: RigidObject, field: Gpdf, seed: int) -> list[Record]:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    objects = unseen_objects(args.objects, args.generated, args.seed)
+    objects = held_out_objects(args.objects, args.generated, args.seed)
     views = args.views
     if args.quick:
         objects = dict(list(objects.items())[:: -(-len(objects) // QUICK_OBJECTS)])

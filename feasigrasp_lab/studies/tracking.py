@@ -46,7 +46,7 @@ _SCALE, _STEPS = 2e-3, 15
 #: An image with fewer points is not registered; a first one needs so many.
 _LEAST, _FIRST = 80, 300
 #: A registration that fits fewer of the points is not believed, or not merged.
-_BELIEVED, _MERGED = 0.6, 0.85
+_ACCEPTED, _MERGED = 0.6, 0.85
 #: The twist is the mean over so many images.
 _WINDOW = 6
 
@@ -143,7 +143,7 @@ class PeerTracker:
             X_OW, self._fit = self._registration(
                 points, self._cloud.points, self._cloud.normals, se3.inverse(X)
             )
-            if self._fit >= _BELIEVED:
+            if self._fit >= _ACCEPTED:
                 X, self.measured = se3.inverse(X_OW), True
         self._poses = [*self._poses[1 - _WINDOW :], (time, X)]
 
@@ -155,7 +155,7 @@ class PeerTracker:
         X_OW = se3.inverse(X_WO)
         p_OC = X_OW[:3, :3] @ self._view.X_WC[:3, 3] + X_OW[:3, 3]
         soon = time < self._last_key + KEY_PERIOD
-        if soon or not self._views.tells_more(p_OC, time, KEY_VIEWS, np.inf):
+        if soon or not self._views.adds_information(p_OC, time, KEY_VIEWS, np.inf):
             return False
         points_O = self._view.points_W @ X_OW[:3, :3].T + X_OW[:3, 3]
         self._cloud = self._cloud.merged(points_O, p_OC, register=False)

@@ -38,7 +38,7 @@ _SYMMETRY_SAMPLES = 3000
 #: which the object is round: the built-in ones are below 0.002 or above 0.02.
 _ROUND = 5e-3
 #: How far ahead poses are predicted [s].
-AHEAD = 0.5
+HORIZON = 0.5
 #: An image with fewer points of the object does not show it.
 IN_VIEW = 300
 
@@ -59,7 +59,7 @@ class Frame:
         spin_rad_s: Turn about such an axis that the tracker reports; NaN without one.
         speed_mm_s: Error of the velocity of the object's middle.
         turn_rad_s: Error of the angular velocity, without that about an axis of symmetry.
-        prediction_mm: As the first, `AHEAD` seconds later by the tracker's prediction; NaN where
+        prediction_mm: As the first, `HORIZON` seconds later by the tracker's prediction; NaN where
             the recording ends before.
         frame_ms: Processor time of the image.
         keyframe_ms: That of merging it; NaN if it was not merged.
@@ -202,9 +202,9 @@ class _Run:
         w, _ = truth.split(V[:3] - recording.V_WO[k, :3], X_true[:3, :3])
         _, spin = truth.split(V[:3], X[:3, :3])
         v = V[3:] + np.cross(V[:3], X[:3, 3] - tracker.X_WO[:3, 3]) - recording.V_WO[k, 3:]
-        prediction, ahead = np.nan, k + round(AHEAD * RATE)
+        prediction, ahead = np.nan, k + round(HORIZON * RATE)
         if ahead < len(recording.times) and recording.hold[ahead]:
-            later = tracker.predicted(time, AHEAD) @ X_OB
+            later = tracker.predicted(time, HORIZON) @ X_OB
             prediction = 1e3 * truth.surface_error(later, recording.X_WO[ahead])
         began = thread_time()
         learnt = tracker.learnt()

@@ -3,7 +3,7 @@
 Household shapes that no training and no evaluation uses, half of them of the families that no
 training uses, are seen from one to three sides. What field and network say of grasp candidates is
 set against the verdicts of the true meshes; the logistic coefficients that explain these best are
-those of `feasigrasp.models.grasps.certainty`.
+those of `feasigrasp.models.grasps.success_probability`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from feasigrasp.errors import GraspError, PointCloudError
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.grasps import certainty
+from feasigrasp.models.grasps import success_probability
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.filter import COSINE_STEPS, contact_cosine
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -27,7 +27,7 @@ from feasigrasp.models.grasps.hand_clearance import (
     MARGIN,
     THIN_WALL,
     hand_clearance,
-    seen_clearance,
+    observed_clearance,
 )
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -50,7 +50,7 @@ _VIEWS = (1, 1, 1, 2, 3)
 #: The coefficients, in the order in which they build on each other.
 NAMES = (
     *("CONTACT", "JOINT_CONTACT", "THIN_CONTACT"),
-    *("CLEARANCE", "JOINT_CLEARANCE", "UNSEEN_CLEARANCE"),
+    *("CLEARANCE", "JOINT_CLEARANCE", "UNOBSERVED_CLEARANCE"),
 )
 
 
@@ -84,33 +84,36 @@ def object_cases(family: str, number: int) -> Cases:
 
     X_OG, width, _ = opposed.candidates(field)
     pairs = _opposing(field, GraspSet(X_OG, width, np.ones(len(width))))
-    evidence = np.column_stack(certainty.contact_evidence(field, pairs))
+    evidence = np.column_stack(success_probability.contact_evidence(field, pairs))
     cases["CONTACT"] = evidence, truth.truly_antipodal(pairs.X_OG, gripper.max_opening)
 
     X_OG, width, told = network.candidates(field)
     proposed = GraspSet(X_OG, width, told[:, 0])
     pairs = _opposing(field, proposed)
-    contact = certainty.contact_evidence(field, pairs)
-    evidence = np.column_stack([certainty.odds(pairs.score), *contact])
+    contact = success_probability.contact_evidence(field, pairs)
+    evidence = np.column_stack([success_probability.odds(pairs.score), *contact])
     cases["JOINT_CONTACT"] = evidence, truth.truly_antipodal(pairs.X_OG, gripper.max_opening)
     thin = proposed.select(width < THIN_WALL)
-    deviations = certainty.contact_evidence(field, thin)[1]
-    evidence = np.column_stack([certainty.odds(thin.score), deviations])
+    deviations = success_probability.contact_evidence(field, thin)[1]
+    evidence = np.column_stack([success_probability.odds(thin.score), deviations])
     cases["THIN_CONTACT"] = evidence, truth.truly_antipodal(thin.X_OG, gripper.max_opening)
 
     clearance, deviation = hand_clearance(field, X_OG, gripper, MARGIN)
     free = clearance >= MARGIN + MARGIN_GROWTH * deviation
     verdict = truth.hand_free(X_OG, gripper)
     evidence = np.column_stack(
-        [certainty.odds(told[:, 1]), certainty.clearance_evidence(clearance, deviation)]
+        [
+            success_probability.odds(told[:, 1]),
+            success_probability.clearance_evidence(clearance, deviation),
+        ]
     )
     cases["CLEARANCE"] = evidence[free, 1:], verdict[free]
     cases["JOINT_CLEARANCE"] = evidence[free], verdict[free]
-    if field.knows_free_space:
+    if field.has_free_space:
         in_doubt = np.flatnonzero(~free & (told.prod(axis=1) >= HOPEFUL))
-        seen = seen_clearance(field, X_OG[in_doubt], gripper, INVENTED)
+        seen = observed_clearance(field, X_OG[in_doubt], gripper, INVENTED)
         in_doubt = in_doubt[seen >= MARGIN]
-        cases["UNSEEN_CLEARANCE"] = evidence[in_doubt, :1], verdict[in_doubt]
+        cases["UNOBSERVED_CLEARANCE"] = evidence[in_doubt, :1], verdict[in_doubt]
     return cases
 
 
@@ -145,14 +148,16 @@ def stages(cases: Cases) -> Iterator[tuple[str, tuple[float, ...], float, int]]:
         if len(verdict) == 0:
             raise GraspError(f"no grasp of these shapes is a case of {name}; give more --objects")
         if name.startswith("JOINT_"):  # of the network's odds, and of what the field's stage says
-            of_field = certainty.probability(found[name.removeprefix("JOINT_")], *evidence[:, 1:].T)
-            evidence = np.column_stack([evidence[:, 0], certainty.odds(of_field)])
+            of_field = success_probability.probability(
+                found[name.removeprefix("JOINT_")], *evidence[:, 1:].T
+            )
+            evidence = np.column_stack([evidence[:, 0], success_probability.odds(of_field)])
         found[name], loss = fit(evidence, verdict)
         yield name, found[name], loss, len(verdict)
 
 
 def main(args: argparse.Namespace) -> int:
-    """Fits and prints the coefficients, and writes ``certainty.json``."""
+    """Fits and prints the coefficients, and writes ``success_probability.json``."""
     shapes = shape_names(args.objects, args.seed)
     made = joblib.Parallel(n_jobs=args.jobs, return_as="generator")(
         joblib.delayed(object_cases)(*shape) for shape in shapes

@@ -26,8 +26,8 @@ from feasigrasp.models.clouds.view_image import SIDE, ViewImage
 from feasigrasp.models.shape.completion import ROUGH_POINTS, complete_shape
 from feasigrasp.models.shape.hidden_side import TYPICAL_SIZE, features, picture_scale
 from feasigrasp.models.shape.hidden_side_network import (
-    BELIEVED,
     CHANNELS,
+    ESTIMATED,
     FEATURES,
     LEAST_SPREAD,
     HiddenSide,
@@ -93,7 +93,7 @@ class HiddenSideNetwork(nn.Module):
             x = self.up[level](torch.cat([skipped[level], larger], dim=1))
         answers = functional.interpolate(self.head(x), scale_factor=2, mode="bilinear")
         change, spread = answers.unbind(dim=1)
-        return pictures[:, BELIEVED] + change, functional.softplus(spread) + LEAST_SPREAD
+        return pictures[:, ESTIMATED] + change, functional.softplus(spread) + LEAST_SPREAD
 
 
 def export(network: HiddenSideNetwork) -> HiddenSide:
@@ -272,7 +272,7 @@ class Training(TrainingRun[HiddenSideNetwork]):
                 median, spread = self.averaged(seen)
             scale = TYPICAL_SIZE * torch.exp(seen[:, 3].amin(dim=(1, 2)) + seen[:, 3].amax((1, 2)))
             error = (truth - median).abs()
-            before = (truth - seen[:, BELIEVED]).abs()
+            before = (truth - seen[:, ESTIMATED]).abs()
             for name, value in {
                 "held_out_loss": loss(median, spread, truth),
                 "held_out_mm": (1e3 * scale[:, None, None] * error).nanmean(),

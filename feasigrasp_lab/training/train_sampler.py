@@ -62,7 +62,7 @@ def held_out_metrics(preset: str, network: nn.Module, examples: Examples) -> dic
     true = np.concatenate(kinds)
     score, positive = errors["score"], errors["positive"]
     completed = ~true[positive > 0.5]
-    valid = errors["approach_valid"][completed & (errors["sure"] > 0.5)]
+    valid = errors["approach_valid"][completed & (errors["reliable"] > 0.5)]
     closing, width = (errors[name][completed] for name in ("closing_deg", "width_mm"))
     return {
         "loss": sum(losses) / len(examples),
@@ -90,10 +90,10 @@ def measures(heads: Heads, labels: Labels) -> dict[str, Array]:
     found = {
         "score": heads.contact.flatten(),
         "positive": mask.flatten(),
-        "width_mm": 1e3 * (heads.likeliest_width()[0] - labels.width)[mask].abs(),
+        "width_mm": 1e3 * (heads.mode_width()[0] - labels.width)[mask].abs(),
         "closing_deg": torch.rad2deg(torch.arccos(cosine)),
         "approach_valid": free > FREE,
-        "sure": torch.sigmoid(heads.contact[mask]) > 0.5,
+        "reliable": torch.sigmoid(heads.contact[mask]) > 0.5,
     }
     return {name: value.double().cpu().numpy() for name, value in found.items()}
 
@@ -140,7 +140,7 @@ class Training(TrainingRun[nn.Module]):
     """One training run; the running means of the weights are what is judged and written.
 
     What decides which weights are kept is how well contacts are ranked. How sure probabilities are,
-    which the loss counts as well, `fit certainty` mends.
+    which the loss counts as well, `fit success_probability` mends.
 
     Args:
         args: Arguments of the command, ``out`` filled in.

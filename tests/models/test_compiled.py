@@ -62,16 +62,18 @@ def is_inlined(function):
     return bool(options.get("forceinline")) or options.get("inline") == "always"
 
 
-def is_relaxed(function):
+def is_fast_math(function):
     """Whether the compiler may choose its last bits, by itself or by what is inlined into it."""
     inlined = (f for f in callees(function.py_func) if is_inlined(f))
-    return bool(function.targetoptions.get("fastmath")) or any(map(is_relaxed, inlined))
+    return bool(function.targetoptions.get("fastmath")) or any(map(is_fast_math, inlined))
 
 
-def shared_and_relaxed(functions):
+def shared_fast_math(functions):
     """Functions that are in several pieces of machine code, which may differ."""
     called = {name(f) for g in functions for f in callees(g.py_func)}
-    return [name(f) for f in functions if name(f) in called and is_relaxed(f) and not is_inlined(f)]
+    return [
+        name(f) for f in functions if name(f) in called and is_fast_math(f) and not is_inlined(f)
+    ]
 
 
 FUNCTIONS = all_functions()
@@ -79,7 +81,7 @@ FUNCTIONS = all_functions()
 
 def test_they_are_found():
     assert len(FUNCTIONS) > 200
-    assert sum(map(is_relaxed, FUNCTIONS.values())) > 20
+    assert sum(map(is_fast_math, FUNCTIONS.values())) > 20
 
 
 def test_nothing_is_left_to_the_caller():
@@ -87,11 +89,11 @@ def test_nothing_is_left_to_the_caller():
 
 
 def test_what_is_relaxed_is_in_one_piece_of_machine_code():
-    assert shared_and_relaxed(FUNCTIONS.values()) == []
+    assert shared_fast_math(FUNCTIONS.values()) == []
 
 
 @compiled(fastmath=True)
-def _relaxed(x):
+def _fast_math(x):
     return x + 1.0
 
 
@@ -112,12 +114,12 @@ def _holder(x):
 
 @compiled
 def _caller(x):
-    return _relaxed(x) + _holder(x)
+    return _fast_math(x) + _holder(x)
 
 
 def test_what_would_be_in_several_is_found():
-    found = shared_and_relaxed([_caller, _relaxed, _between, _inlined, _holder])
-    assert [text.rpartition(".")[2] for text in found] == ["_relaxed", "_holder"]
+    found = shared_fast_math([_caller, _fast_math, _between, _inlined, _holder])
+    assert [text.rpartition(".")[2] for text in found] == ["_fast_math", "_holder"]
 
 
 def printed(loose_first, *, ours):

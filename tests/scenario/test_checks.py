@@ -173,7 +173,7 @@ def test_bad_values_are_refused_by_name_when_they_are_read(small_file, key, valu
         ("{control: {gain: 0.0}}", "control.gain is 0;"),
         ("{control: {n_solutions: 0}}", "control.n_solutions is 0"),
         ("{perception: {views: -1}}", "perception.views is -1"),
-        ("{control: {look_ahead: far}}", "control.look_ahead is 'far'; .* predicted, twist, none"),
+        ("{control: {prediction: far}}", "control.prediction is 'far'; .* predicted, twist, none"),
         ("{control: {controller: joint, density: false}}", "control.density .*controller: task"),
         ("{grasp: {standoff: 0.1}}", "grasp.standoff is 0.1 m, but grasp.close .*close: false"),
         ("{tracker: {period: -1}}", "tracker.period is -1; it must be from 0.0001 to 1 s"),

@@ -363,6 +363,20 @@ def test_a_heavier_object_is_heavier_in_all_directions():
     np.testing.assert_allclose(two.inertia, 2.0 * one.inertia)
 
 
+@pytest.mark.parametrize(
+    ("section", "former", "key", "value"),
+    [
+        ("control", "look_ahead", "prediction", "twist"),
+        ("reachability", "twins", "symmetric_grasps", False),
+    ],
+)
+def test_a_renamed_key_is_read_with_a_warning_that_names_the_new_one(section, former, key, value):
+    text = f"{{{section}: {{{former}: {str(value).lower()}}}}}"
+    with pytest.warns(FutureWarning, match=rf"{section}\.{former} is now {section}\.{key}"):
+        scenario = load_scenario(FILE, "ReachCircular", text)
+    assert getattr(getattr(scenario, section), key) == value
+
+
 def test_a_key_that_only_older_releases_of_drake_have_is_read_where_it_changes_nothing(tmp_path):
     """Records of older releases hold it; where it asks for something, Drake has to have it."""
     step = "simulator_config: {max_step_size: 0.02, publish_every_time_step: false}"

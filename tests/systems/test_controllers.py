@@ -37,8 +37,8 @@ def test_either_controller_can_replace_the_other(ports):
         "gpdf": None,
         "touch": 7,
         "camera_pose": None,
-        "sought": None,
-        "look_from": None,
+        "search_target": None,
+        "viewpoint": None,
         "tracking": None,
         "plan": None,
     }

@@ -94,7 +94,7 @@ def line(speed, spin):
 @pytest.mark.parametrize(("speed", "spin"), [(0.0, 0.0), (0.08, 0.2)], ids=["still", "moving"])
 def test_the_hand_gets_to_a_grasp_and_stays_there(make, speed, spin):
     motion = line(speed, spin)
-    both_ways = ring().with_twins()
+    both_ways = ring().with_symmetric()
     reachable = REACH.reachable(motion.pose(0.0) @ both_ways.X_OG)
     grasps = both_ways.select(reachable)
     times, q = closed_loop(make, motion, 4.6, grasps)
@@ -215,7 +215,7 @@ def test_to_see_another_side_the_hand_first_steps_back_and_then_goes_there(make,
     X_WG = forward_kinematics(BESIDE, REACH.gripper.X_FG)
     q_view = BESIDE + np.array([0.4, -0.5, 0.0, 0.3, 0.0, 0.2, 0.5])
     bench = Bench(make, grasps=GraspSet.empty(), q=BESIDE, pose=RigidTransform(X_WG[:3, 3]))
-    bench.fix(gpdf=Value[object](ball), look_from=Value[object](q_view))
+    bench.fix(gpdf=Value[object](ball), viewpoint=Value[object](q_view))
     step = 1e-5
     after = forward_kinematics(BESIDE + step * bench.command(), REACH.gripper.X_FG)
     speed = (after - X_WG)[:3, 3] / step

@@ -7,8 +7,8 @@ from pydrake.systems.analysis import Simulator
 from feasigrasp.models.clouds.usable import ViewFault
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.runs.metrics.reference_robot import reference_robot
 from feasigrasp.runs.metrics.robot_limits import self_collision_metrics
-from feasigrasp.runs.metrics.robot_twin import robot_twin
 from feasigrasp.systems import (
     gp_joint_controller,
     point_cloud_to_gpdf,
@@ -129,7 +129,10 @@ def test_the_arm_sets_off_for_a_grasp_once_it_has_one(controller):
     samples = dict(zip(SAMPLE_NAMES, logger.FindLog(context).data(), strict=True))
     error = samples["grasp_position_error"][np.isfinite(samples["grasp_position_error"])]
     assert error[-1] < error[0]
-    assert self_collision_metrics(robot_twin(config.directives), q)["self_collision_percent"] == 0.0
+    assert (
+        self_collision_metrics(reference_robot(config.directives), q)["self_collision_percent"]
+        == 0.0
+    )
 
 
 def test_latency_delays_the_grasps(monkeypatch):
@@ -141,13 +144,13 @@ def test_latency_delays_the_grasps(monkeypatch):
 
 def test_the_time_of_a_view_arrives_with_its_grasps():
     built = make_dynamic_grasp(scenario(text="{perception: {latency: 0.23}}"))
-    grasps, seen_at = (built.GetSubsystemByName(n) for n in ("latency", "seen_at(latency)"))
+    grasps, view_time = (built.GetSubsystemByName(n) for n in ("latency", "view_time(latency)"))
     simulator, pairs = Simulator(built), []
     for t in np.arange(0.0, 1.5, 0.01):
         simulator.AdvanceTo(t)
         root = simulator.get_context()
         there = grasps.get_output_port().Eval(grasps.GetMyContextFromRoot(root))
-        time = seen_at.get_output_port().Eval(seen_at.GetMyContextFromRoot(root))[0]
+        time = view_time.get_output_port().Eval(view_time.GetMyContextFromRoot(root))[0]
         if len(there) > 0:
             pairs.append((there, time, t))
     sets, times = {id(there) for there, _, _ in pairs}, {time for _, time, _ in pairs}

@@ -11,7 +11,7 @@ from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.segmentation.foreground import Label
-from feasigrasp.models.segmentation.known_bodies import KnownBodies
+from feasigrasp.models.segmentation.modeled_bodies import ModeledBodies
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
@@ -26,7 +26,7 @@ DEPTH = "{perception: {segmentation: depth}}"
 
 @pytest.fixture(scope="module")
 def dut():
-    return ForegroundSegmentation(CAMERA, KnownBodies(ParallelGripper()))
+    return ForegroundSegmentation(CAMERA, ModeledBodies(ParallelGripper()))
 
 
 def plate(at=0.4, first_column=10):

@@ -80,8 +80,8 @@ def test_a_hand_that_opens_again_keeps_off_the_object_again():
 
 
 def test_without_a_field_none_is_passed_on():
-    unconnected, unseen = Mock(), Mock(gpdf=to_value(None))
-    for mock in (unconnected, unseen):
+    unconnected, unobserved = Mock(), Mock(gpdf=to_value(None))
+    for mock in (unconnected, unobserved):
         assert mock.advance(0.03) == Phase.APPROACH
         assert mock.output("gpdf") is None
         mock.advance_to_phase(Phase.CLOSE)

@@ -25,7 +25,7 @@ from tests.sequencer_bench import (
 
 
 @pytest.mark.parametrize(
-    ("doubt", "trust", "kept_off"),
+    ("doubt", "trust", "scheduled_obstacle"),
     [
         ({"tracking": tracked("lost", 1.0)}, {"tracking": tracked("tracking")}, False),
         ({"tracking": tracked("searching", np.inf)}, {"tracking": tracked("tracking")}, False),
@@ -33,14 +33,17 @@ from tests.sequencer_bench import (
         ({"lapsed": [1.0]}, {"lapsed": [0.0]}, False),
     ],
 )
-def test_grasps_lapse_while_the_pose_is_not_to_be_relied_on(doubt, trust, kept_off):
+def test_grasps_lapse_while_the_pose_is_not_to_be_relied_on(doubt, trust, scheduled_obstacle):
     mock = Mock(**doubt)
     assert mock.advance(1.0) == Phase.APPROACH
     assert len(mock.output("grasps")) == 0 and mock.output("grasps").rejected
     for port in ("object_pose", "object_velocity"):
         value = mock.output(port)
         known = value.GetAsMatrix4()[:3] if port == "object_pose" else value.get_coeffs()
-        assert np.isfinite(known).all() == kept_off and np.isnan(known).all() != kept_off
+        assert (
+            np.isfinite(known).all() == scheduled_obstacle
+            and np.isnan(known).all() != scheduled_obstacle
+        )
     mock.fix(**trust)
     assert len(mock.output("grasps")) == 3
     assert mock.output("object_pose").IsNearlyEqualTo(X_WO, 1e-12)
@@ -64,51 +67,51 @@ def out_of_sight(state, age):
 
 def test_an_object_out_of_sight_is_looked_for_until_the_hand_has_committed():
     mock = Mock(tracking=out_of_sight("tracking", 0.0), looks=True)
-    assert mock.output("sought") is None
+    assert mock.output("search_target") is None
     mock.fix(tracking=out_of_sight("coasting", 0.1))
-    assert mock.output("sought") is None  # an image or two
+    assert mock.output("search_target") is None  # an image or two
     for state, age in (("coasting", 0.4), ("lost", 7.0)):
         mock.fix(tracking=out_of_sight(state, age))
-        sought = mock.output("sought")
-        np.testing.assert_allclose(sought.X_WO, X_WO.GetAsMatrix4())
-        assert sought.age == age
+        search_target = mock.output("search_target")
+        np.testing.assert_allclose(search_target.X_WO, X_WO.GetAsMatrix4())
+        assert search_target.age == age
     mock.fix(tracking=out_of_sight("tracking", 0.0))
     mock.advance_to_phase(Phase.CLOSE)
     mock.fix(tracking=out_of_sight("lost", 7.0))
-    assert mock.output("sought") is None
+    assert mock.output("search_target") is None
 
 
 def test_nothing_is_looked_for_without_a_place_or_a_camera_on_the_arm():
-    assert Mock(tracking=tracked("lost", 7.0), looks=True).output("sought") is None
-    assert Mock(tracking=out_of_sight("lost", 7.0)).output("sought") is None
+    assert Mock(tracking=tracked("lost", 7.0), looks=True).output("search_target") is None
+    assert Mock(tracking=out_of_sight("lost", 7.0)).output("search_target") is None
 
 
-def second_look(**inputs):
+def next_best_view(**inputs):
     """A sequencer that can look from elsewhere at a ball that was seen."""
     field, camera = Value[object](fit_gpdf(sphere_points(64, 0.03))), RigidTransform(X_WH)
     return Mock(reachability=Reachability(), gpdf=field, camera_pose=camera, **inputs)
 
 
 def test_without_a_grasp_in_reach_the_arm_looks_from_another_side():
-    mock = second_look(grasps=GraspSet.empty())
+    mock = next_best_view(grasps=GraspSet.empty())
     mock.advance(0.9)
-    assert evaluate(mock.dut.GetOutputPort("look_from"), mock.context) is None
+    assert evaluate(mock.dut.GetOutputPort("viewpoint"), mock.context) is None
     mock.advance(1.2)
-    q = mock.dut.GetOutputPort("look_from").Eval(mock.context)
+    q = mock.dut.GetOutputPort("viewpoint").Eval(mock.context)
     assert Reachability().admissible(q[None])[0] and np.abs(q - Q).max() > 0.1
     # What comes into reach is gone for at once.
     mock.fix(grasps=grasps_at(0.05))
     mock.advance(1.3)
-    assert evaluate(mock.dut.GetOutputPort("look_from"), mock.context) is None
+    assert evaluate(mock.dut.GetOutputPort("viewpoint"), mock.context) is None
     assert len(mock.output("grasps")) == 1
 
 
 def test_a_grasp_that_the_hand_does_not_come_to_is_given_up():
-    mock = second_look(grasps=grasps_at(0.05, 0.2))
+    mock = next_best_view(grasps=grasps_at(0.05, 0.2))
     mock.advance(2.9)
     assert len(mock.output("grasps")) == 2
     mock.advance(3.2)
-    assert evaluate(mock.dut.GetOutputPort("look_from"), mock.context) is not None
+    assert evaluate(mock.dut.GetOutputPort("viewpoint"), mock.context) is not None
     assert len(mock.output("grasps")) == 1
 
 
@@ -123,19 +126,19 @@ def test_a_grasp_that_the_hand_does_not_come_to_is_given_up():
     ],
 )
 def test_no_other_look_is_taken_at_what_is_not_known_or_not_to_be_grasped(inputs):
-    mock = second_look(grasps=GraspSet.empty())
+    mock = next_best_view(grasps=GraspSet.empty())
     mock.fix(**{k: v for k, v in inputs.items() if k != "config"})
     if "config" in inputs:
-        mock = second_look(**{"grasps": GraspSet.empty(), **inputs})
+        mock = next_best_view(**{"grasps": GraspSet.empty(), **inputs})
     mock.advance(5.0)
-    assert evaluate(mock.dut.GetOutputPort("look_from"), mock.context) is None
+    assert evaluate(mock.dut.GetOutputPort("viewpoint"), mock.context) is None
 
 
 def test_without_a_camera_the_hand_only_goes_for_other_grasps():
     field = Value[object](fit_gpdf(sphere_points(64, 0.03)))
     mock = Mock(reachability=Reachability(), gpdf=field, grasps=grasps_at(0.05, 0.2))
     mock.advance(3.2)
-    assert evaluate(mock.dut.GetOutputPort("look_from"), mock.context) is None
+    assert evaluate(mock.dut.GetOutputPort("viewpoint"), mock.context) is None
     assert len(mock.output("grasps")) == 1
 
 

@@ -14,7 +14,7 @@ from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.segmentation.foreground import Label
-from feasigrasp.models.segmentation.known_bodies import KnownBodies
+from feasigrasp.models.segmentation.modeled_bodies import ModeledBodies
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.segmentation.mask_segmentation import MaskSegmentation
@@ -27,7 +27,7 @@ X_WC = RigidTransform([1.5, 0.0, 0.2])  # beside the arm, looking up
 
 def context_of(mask, fixed_context, *, depth=0.4, width=64):
     """A plate before the camera in half of the image, nothing behind it."""
-    dut = MaskSegmentation(mask, CAMERA, KnownBodies(ParallelGripper()))
+    dut = MaskSegmentation(mask, CAMERA, ModeledBodies(ParallelGripper()))
     u, v = np.meshgrid(np.arange(64), np.arange(48))
     points = np.stack([(u - 31.5) / 60.0, (v - 23.5) / 60.0, np.ones_like(u, float)]) * depth
     points[:, :, 32:] = np.inf
@@ -47,7 +47,9 @@ def context_of(mask, fixed_context, *, depth=0.4, width=64):
 
 
 def test_ports_are_those_of_the_docstring(ports, documented_ports):
-    dut = MaskSegmentation(lambda color, depth, time: None, CAMERA, KnownBodies(ParallelGripper()))
+    dut = MaskSegmentation(
+        lambda color, depth, time: None, CAMERA, ModeledBodies(ParallelGripper())
+    )
     given, outputs = ports(dut)
     assert (list(given), list(outputs)) == documented_ports(MaskSegmentation)
 
@@ -74,7 +76,7 @@ def test_what_shows_the_robot_is_not_the_object(fixed_context):
     everything = MaskSegmentation(
         lambda color, depth, time: np.ones((48, 64), dtype=bool),
         CAMERA,
-        KnownBodies(ParallelGripper()),
+        ModeledBodies(ParallelGripper()),
     )
     cloud = PointCloud(64 * 48)
     cloud.mutable_xyzs()[:] = np.array([[0.0], [0.0], [0.5]])

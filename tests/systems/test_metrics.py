@@ -168,11 +168,11 @@ def test_the_object_s_orientation_is_told_in_the_world(sample):
 def test_grasps_are_counted_and_the_view_s_age_is_told(sample):
     poses = np.tile(np.eye(4), (5, 1, 1))
     some = GraspSet(poses, np.full(5, 0.04), np.ones(5))
-    x = sample(HOME, grasps=some.select(np.arange(2)), sampled=some, time=3.1, seen_at=[2.5])
+    x = sample(HOME, grasps=some.select(np.arange(2)), sampled=some, time=3.1, view_time=[2.5])
     assert (x["sampled_grasps"], x["reachable_grasps"]) == (5.0, 2.0)
     assert x["view_age"] == pytest.approx(0.6)
     assert sample(HOME)["reachable_grasps"] == 0.0
-    assert np.isnan(sample(HOME, seen_at=[np.nan])["view_age"])
+    assert np.isnan(sample(HOME, view_time=[np.nan])["view_age"])
 
 
 def test_grasps_in_a_frame_of_the_trackers_own_are_judged_there(sample):

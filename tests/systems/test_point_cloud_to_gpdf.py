@@ -134,20 +134,20 @@ def test_the_time_of_the_last_view_is_told():
     """Of one that was merged: not of one that showed nothing, nor of one that was not looked at."""
     perception = Perception(period=0.5, views_per_side=2)
 
-    def seen_at():
-        return perception.dut.GetOutputPort("seen_at").Eval(perception.context)[0]
+    def view_time():
+        return perception.dut.GetOutputPort("view_time").Eval(perception.context)[0]
 
-    assert np.isnan(seen_at())
+    assert np.isnan(view_time())
     perception.look(0.4, np.zeros((0, 3)))  # nothing at 0
-    assert np.isnan(seen_at())
+    assert np.isnan(view_time())
     perception.see_object(0.9, POSES[1])  # at 0.5
-    assert seen_at() == 0.5
+    assert view_time() == 0.5
     perception.see_object(1.4, POSES[1])  # at 1, the second of this side
-    assert seen_at() == 1.0
+    assert view_time() == 1.0
     perception.see_object(1.9, POSES[1])  # the side is known
-    assert seen_at() == 1.0
+    assert view_time() == 1.0
     perception.see_object(2.4, POSES[2], p_OC=-CAMERA)  # another side, at 2
-    assert seen_at() == 2.0
+    assert view_time() == 2.0
 
 
 def test_invalid_points_are_left_out():

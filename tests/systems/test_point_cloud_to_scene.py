@@ -108,7 +108,7 @@ def test_the_table_may_go_on_where_nobody_has_looked_but_not_in_the_arm():
     balls = arm_balls(IIWA_CAPSULES)
     center = balls.placed(q)
     assert np.min(scene.unseen_distance(center) - balls.radius) < 0.0
-    around = looked(dut, view, position=q).unseen
+    around = looked(dut, view, position=q).unobserved
     least = np.linalg.norm(around[:, None] - center, axis=2) - balls.radius
     assert least.min() > 0.0
 

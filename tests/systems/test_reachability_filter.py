@@ -95,7 +95,7 @@ def test_grasps_and_flips_are_either_kept_or_counted(evaluate, method):
     assert len(grasps) == verdicts.count("kept") > 0
     assert len(set(verdicts)) >= {"ik": 4, "rmm": 2, "both": 3}[method]
     assert grasps.rejected["earlier"] == 5
-    given = ring().with_twins()
+    given = ring().with_symmetric()
     kept = {X.tobytes() for X in grasps.X_OG}
     assert [X.tobytes() in kept for X in given.X_OG] == [v == "kept" for v in verdicts]
     for X, width, score in zip(grasps.X_OG, grasps.width, grasps.score, strict=True):

@@ -33,9 +33,9 @@ def grasps_near(X_OG, n=20, seed=0):
 
 
 def two_clusters(seed=0):
-    ahead = np.eye(4)
+    predicted = np.eye(4)
     turned = se3.exp([0.0, 1.2, 0.0, 0.0, 0.0, 0.0])
-    first, second = grasps_near(ahead, seed=seed), grasps_near(turned, seed=seed + 1)
+    first, second = grasps_near(predicted, seed=seed), grasps_near(turned, seed=seed + 1)
     return GraspSet(np.concatenate([first.X_OG, second.X_OG]), np.full(40, 0.04), np.ones(40))
 
 
@@ -93,13 +93,13 @@ def test_components_keep_their_identity_when_grasps_go_and_come_back():
     bench = Bench(grasps=everything)
     before = bench.mixture
     assert len(before.mixture) == 2
-    ahead = np.argmin(np.abs(before.mixture.means - np.eye(4)).max(axis=(1, 2)))
-    keep = before.component == ahead
+    predicted = np.argmin(np.abs(before.mixture.means - np.eye(4)).max(axis=(1, 2)))
+    keep = before.component == predicted
     for grasps in (everything.select(keep), GraspSet.empty(), everything.select(keep)):
         bench.fix(grasps=grasps)
         bench.next_update()
     (identity,) = bench.mixture.identity
-    assert identity == before.identity[ahead]
+    assert identity == before.identity[predicted]
     bench.fix(grasps=everything)
     bench.next_update()
     assert len(bench.mixture.mixture) == 2
@@ -109,7 +109,7 @@ def test_components_keep_their_identity_when_grasps_go_and_come_back():
 def test_a_hand_that_has_committed_is_at_the_grasp_that_it_is_given():
     """One that has not goes on with what it went for, for a while, and then changes its strand."""
     first = grasps_near(np.eye(4), n=1)
-    flip = first.with_twins().select([1])
+    flip = first.with_symmetric().select([1])
     free, committed = Bench(grasps=first), Bench(grasps=first)
     committed.fix(phase=[Phase.CLOSE])
     for bench in (free, committed):

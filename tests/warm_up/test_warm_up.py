@@ -73,10 +73,15 @@ def test_every_kernel_is_there():
 
 
 def test_callees_are_found_through_several_calls():
-    from feasigrasp.models.control.planning.transfers import stay_kernel
+    from feasigrasp.models.control.planning.branch_switches import remaining_cost_kernel
 
-    names = {name.rpartition(".")[2] for name in all_callees(stay_kernel)}
-    assert {"stay_kernel", "transfer_kernel", "way_kernel", "inverse_kernel"} <= names
+    names = {name.rpartition(".")[2] for name in all_callees(remaining_cost_kernel)}
+    assert {
+        "remaining_cost_kernel",
+        "branch_switch_kernel",
+        "path_cost_kernel",
+        "inverse_kernel",
+    } <= names
 
 
 def test_it_compiles_once_and_says_what_it_cannot(tmp_path):
@@ -115,7 +120,7 @@ def test_a_package_that_cannot_be_written_to_is_compiled_into_the_users_cache(tm
 
 def test_a_run_compiles_first_only_if_it_must(monkeypatch, capsys):
     warmed = []
-    monkeypatch.setattr("feasigrasp.commands.run.compile_ahead", warmed.append)
+    monkeypatch.setattr("feasigrasp.commands.run.compile_in_advance", warmed.append)
     monkeypatch.setattr("feasigrasp.commands.run.run", lambda *a, **k: pytest.fail("as expected"))
     for warm, expected in ((True, []), (False, [{"joint"}])):
         monkeypatch.setattr("feasigrasp.commands.run.is_warm", lambda groups, warm=warm: warm)

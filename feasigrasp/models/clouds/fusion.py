@@ -111,8 +111,8 @@ class FusedCloud(Frozen):
         if not self.images or len(self.points) == 0 or np.size(points) < 3 * _MIN_SURFACE:
             return 0.0
         view = np.asarray(points)
-        sure = [image.sure for image in self.images]
-        out_of_place = float(np.mean(free_distance(sure, view) > _OUT_OF_PLACE))
+        reliable = [image.reliable for image in self.images]
+        out_of_place = float(np.mean(free_distance(reliable, view) > _OUT_OF_PLACE))
         image = view_image(view, np.asarray(p_OC), outline)
         return max(out_of_place, _seen_through(image, self.points))
 

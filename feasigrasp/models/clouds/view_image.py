@@ -62,7 +62,7 @@ class ViewImage:
     careful: bool = False
 
     @cached_property
-    def sure(self) -> ViewImage:
+    def reliable(self) -> ViewImage:
         """The same, but nothing is said to be free where the object may have been."""
         return replace(self, whole=self.whole and self.ends, careful=True)
 

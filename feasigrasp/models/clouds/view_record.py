@@ -46,7 +46,7 @@ class ViewRecord(Frozen):
         """
         return float(np.arccos(self._cosines(p_OC).max(initial=-1.0)))
 
-    def tells_more(self, p_OC: ArrayLike, time: float, n_views: int, revisit: float) -> bool:
+    def adds_information(self, p_OC: ArrayLike, time: float, n_views: int, revisit: float) -> bool:
         """Whether a view is worth taking.
 
         Args:

@@ -68,7 +68,7 @@ class Situation:
     Attributes:
         phase: What the gripper is doing.
         tracking: How much the object's pose is worth.
-        sought: Whether the arm looks for the object.
+        search_target: Whether the arm looks for the object.
         looking: Whether it looks at the object from another side.
         contradicted: Whether the camera contradicts that pose.
         lapsed: Whether the process that perceives is gone.
@@ -82,7 +82,8 @@ class Situation:
         touches: How often the arm was touched since then, before the fingers closed.
         speed: Largest joint speed [rad/s].
         left: Distance of the hand to the nearest grasp [m].
-        unseen: Distance of the arm to space that was never seen and may belong to obstacles [m].
+        unobserved: Distance of the arm to space that was never seen and may belong to obstacles
+            [m].
         slipped: How far an object that was let go has moved in the hand since then [m].
         turned: How far it has turned there [rad].
         unmet: The condition for closing that a following hand does not meet, in words.
@@ -90,7 +91,7 @@ class Situation:
 
     phase: Phase = Phase.APPROACH
     tracking: Tracking | None = None
-    sought: bool = False
+    search_target: bool = False
     looking: bool = False
     contradicted: bool = False
     lapsed: bool = False
@@ -104,7 +105,7 @@ class Situation:
     touches: int = 0
     speed: float = 1.0
     left: float = 0.0
-    unseen: float = float("inf")
+    unobserved: float = float("inf")
     slipped: float = 0.0
     turned: float = 0.0
     unmet: str = ""
@@ -136,7 +137,7 @@ def judge(now: Situation) -> tuple[StatusCode, str]:
 def _pose(now: Situation) -> tuple[StatusCode, str] | None:
     if now.tracking is not None and now.tracking.jumping:
         return StatusCode.POSE_JUMPED, "measurements say that the object is somewhere else"
-    if now.tracking is not None and now.sought:
+    if now.tracking is not None and now.search_target:
         return StatusCode.LOOKING_FOR_OBJECT, f"not seen for {now.tracking.age:.1f} s"
     if now.tracking is not None and now.tracking.lost:
         since = "ever" if now.tracking.age == float("inf") else f"for {now.tracking.age:.1f} s"
@@ -167,7 +168,7 @@ def _grasps(now: Situation) -> tuple[StatusCode, str] | None:
 def _way(now: Situation) -> tuple[StatusCode, str]:
     if now.speed < STILL and now.left > ARRIVED:
         detail = f"the arm stands {100.0 * now.left:.0f} cm from the nearest grasp"
-        if now.unseen < HELD_UP:
+        if now.unobserved < HELD_UP:
             detail += ", before space that the camera has not seen"
         return StatusCode.BRAKING_FOR_OBSTACLE, detail
     return StatusCode.FOLLOWING, now.unmet

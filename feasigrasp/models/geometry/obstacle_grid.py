@@ -54,15 +54,16 @@ class MovingObject:
         grid: Distances to its surface, in the object's frame O.
         X_WO: Its pose, shape (4, 4) [m].
         V_WO: Its twist [angular; linear], of its origin, shape (6,) [rad/s; m/s].
-        reserve: Within this distance beyond its clearance the hand comes nearer but slowly [m].
-        astray: Whether it is between the fingers, but for no grasp that the hand goes for.
+        extra_clearance: Within this distance beyond its clearance the hand comes nearer but slowly
+            [m].
+        misaligned: Whether it is between the fingers, but for no grasp that the hand goes for.
     """
 
     grid: ObstacleGrid
     X_WO: Annotated[Array, UNKNOWN_POSE]
     V_WO: Annotated[Array, TWIST]
-    reserve: NotNegative = 0.0
-    astray: bool = False
+    extra_clearance: NotNegative = 0.0
+    misaligned: bool = False
 
     def __post_init__(self) -> None:
         """Checks what it is made of."""

@@ -14,7 +14,7 @@ from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection, grasp_frames
 from feasigrasp.models.grasps.hand_clearance import MARGIN
-from feasigrasp.models.grasps.thinning import LIKELY, thin_grasps
+from feasigrasp.models.grasps.non_maximum_suppression import LEAST_SCORE, suppress_non_maxima
 from feasigrasp.models.quantities import Count, Share, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
@@ -40,7 +40,8 @@ class AntipodalSampler:
         gripper: The hand.
         n_candidates: Grasps that are filtered.
         n_grasps: Most grasps returned.
-        least_score: Grasps that score less are left out, while there are enough; see `thin_grasps`.
+        least_score: Grasps that score less are left out, while there are enough; see
+            `suppress_non_maxima`.
         n_approaches: Approach directions per contact pair.
         seed: Seeds the approach directions.
     """
@@ -48,7 +49,7 @@ class AntipodalSampler:
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
     n_candidates: Count = 800
     n_grasps: Count = 64
-    least_score: Share = LIKELY
+    least_score: Share = LEAST_SCORE
     n_approaches: Count = 8
     seed: Whole = 0
 
@@ -61,8 +62,8 @@ class AntipodalSampler:
         """Filtered grasps, best first, in the frame of the field (object frame O)."""
         X_OG, width, no_exit = self.candidates(gpdf)
         grasps = filter_grasps(gpdf, X_OG, width, self.gripper)
-        thinned = thin_grasps(grasps, self.n_grasps, least_score=self.least_score)
-        return thinned.counted({Rejection.TOO_WIDE: no_exit})
+        distinct_grasps = suppress_non_maxima(grasps, self.n_grasps, least_score=self.least_score)
+        return distinct_grasps.counted({Rejection.TOO_WIDE: no_exit})
 
     @checked(GraspError)
     def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, int]:

@@ -19,7 +19,9 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Indices, Mask
-from feasigrasp.models.grasps.certainty import (
+from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
+from feasigrasp.models.grasps.hand_clearance import MARGIN, THIN_WALL, hand_freedom
+from feasigrasp.models.grasps.success_probability import (
     CONTACT,
     JOINT_CONTACT,
     THIN_CONTACT,
@@ -27,8 +29,6 @@ from feasigrasp.models.grasps.certainty import (
     odds,
     probability,
 )
-from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
-from feasigrasp.models.grasps.hand_clearance import MARGIN, THIN_WALL, hand_freedom
 from feasigrasp.models.quantities import POSES, ArrayOf, NotNegative, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import unit_normals
@@ -89,16 +89,16 @@ def filter_grasps(
     if len(cosine_steps) == 0:
         raise GraspError("filter_grasps: cosine_steps is empty; give one cosine or more")
     poses = np.asarray(X_OG)
-    told = np.full((len(poses), 2), [1.0, np.nan])
+    learned = np.full((len(poses), 2), [1.0, np.nan])
     if prior is not None:
-        told = np.asarray(prior)
-        if not (np.isfinite(told[:, 0]).all() and not np.isinf(told[:, 1]).any()):
+        learned = np.asarray(prior)
+        if not (np.isfinite(learned[:, 0]).all() and not np.isinf(learned[:, 1]).any()):
             raise GraspError(
                 "filter_grasps: prior holds contacts without a probability, or infinity; only that "
                 "of a free hand may be NaN"
             )
     numbers = np.arange(len(poses))
-    candidates = GraspSet(poses, np.asarray(width), told[:, 0], {}, numbers)
+    candidates = GraspSet(poses, np.asarray(width), learned[:, 0], {}, numbers)
     plane = None if table is None else _checked_plane(table)
     if len(candidates) == 0:
         return candidates
@@ -121,7 +121,9 @@ def filter_grasps(
     left, pair_of = np.unique(pair_of, return_inverse=True)
     pairs, cosine, pair_of = pairs.select(left), cosine[left], pair_of.reshape(-1)
 
-    free, certain = hand_freedom(gpdf, candidates, told[candidates.id, 1], gripper, margin, enough)
+    free, certain = hand_freedom(
+        gpdf, candidates, learned[candidates.id, 1], gripper, margin, enough
+    )
     certain = certain[free]
     candidates, pair_of = _apply(candidates, pair_of, {Rejection.COLLIDES: free})
 

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.geometry.se3 import make_pose, perpendiculars
-from feasigrasp.models.grasps.funnel import grasp_errors
+from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import FLIP
 from feasigrasp.models.robot.gripper import ParallelGripper
 
@@ -100,8 +100,8 @@ def spread_order(X_OG: ArrayLike, score: ArrayLike) -> Indices:
     distance = np.full(len(X_OG), np.inf)
     for _ in range(len(X_OG) - 1):
         chosen = X_OG[order[-1]]
-        twins = [grasp_errors(X_OG, X) @ weights for X in (chosen, chosen @ FLIP)]
-        distance = np.minimum(distance, np.minimum(*twins))
+        symmetric_grasps = [grasp_errors(X_OG, X) @ weights for X in (chosen, chosen @ FLIP)]
+        distance = np.minimum(distance, np.minimum(*symmetric_grasps))
         distance[order] = -1.0
         order.append(int(np.argmax(distance)))
     return np.array(order, dtype=np.int64)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices
-from feasigrasp.models.grasps.load import Load
+from feasigrasp.models.grasps.pad_load import PadLoad
 from feasigrasp.models.quantities import POSES, ArrayOf, Whole
 from feasigrasp.models.shape.gpdf import Gpdf
 
@@ -36,7 +36,7 @@ class Rejection(StrEnum):
     NOT_ANTIPODAL = "not antipodal"
     COLLIDES = "gripper collides"
     HITS_SCENE = "hits the scene"
-    UNSEEN = "in space that was never seen"
+    UNOBSERVED = "in space that was never seen"
     UNKNOWN_POSE = "the object's pose is unknown"
     NEAR_COPY = "near copy"
     UNCERTAIN = "uncertain"
@@ -60,10 +60,10 @@ class GraspSet(Frozen):
         id: Who is who in successive sets of one object, shape (n,): a grasp keeps its number as
             long as it is found again (see ``grasp_matching``). `UNKNOWN` for grasps that no earlier
             set was compared with; a grasp and its flip have the same number.
-        load: What the pads would have to bear (see `feasigrasp.models.grasps.carry`); None if
+        load: What the pads would have to bear (see `feasigrasp.models.grasps.payload`); None if
             nobody has told.
-        carries: How sure they are to bear it as the object is turned now, 1 and more for sure
-            (see `feasigrasp.models.grasps.carry`), shape (n,); None if nobody has told.
+        payload_score: How sure they are to bear it as the object is turned now, 1 and more for sure
+            (see `feasigrasp.models.grasps.payload`), shape (n,); None if nobody has told.
         on_object: The ids of all grasps of the object, in reach at present or not, shape (m,); None
             if nobody has told, as before it is asked what is in reach.
     """
@@ -75,8 +75,8 @@ class GraspSet(Frozen):
     id: Annotated[Indices, ArrayOf(("k",), dtype=np.int64)] = field(
         default_factory=lambda: np.zeros(0, dtype=np.int64)
     )
-    load: Load | None = None
-    carries: Annotated[Array, ArrayOf(("n",))] | None = None
+    load: PadLoad | None = None
+    payload_score: Annotated[Array, ArrayOf(("n",))] | None = None
     on_object: Annotated[Indices, _NUMBERS_OF_ALL] | None = None
 
     def __post_init__(self) -> None:
@@ -95,8 +95,8 @@ class GraspSet(Frozen):
                 f"GraspSet: {len(width)} grasps and {len(id_)} numbers in id; give one each."
             )
         self._freeze(X_OG=X_OG, width=width, score=score, id=id_)
-        if self.carries is not None:
-            self._freeze(carries=self.carries.copy())
+        if self.payload_score is not None:
+            self._freeze(payload_score=self.payload_score.copy())
         if self.on_object is not None:
             self._freeze(on_object=self.on_object.copy())
         words = {str(reason): count for reason, count in self.rejected.items()}
@@ -125,8 +125,8 @@ class GraspSet(Frozen):
         names = ("X_OG", "width", "score", "id")
         parts = {name: getattr(self, name)[keep] for name in names}
         load = None if self.load is None else self.load.select(keep)
-        carries = None if self.carries is None else self.carries[keep]
-        chosen = replace(self, **parts, load=load, carries=carries)
+        payload_score = None if self.payload_score is None else self.payload_score[keep]
+        chosen = replace(self, **parts, load=load, payload_score=payload_score)
         dropped = len(self) - len(chosen)
         return chosen if reason is None else chosen.counted({reason: max(dropped, 0)})
 
@@ -139,7 +139,7 @@ class GraspSet(Frozen):
                 counts[reason] = counts.get(reason, 0) + number
         return replace(self, rejected=counts)
 
-    def with_twins(self) -> GraspSet:
+    def with_symmetric(self) -> GraspSet:
         """Adds the 180-degree flip about z of every grasp: the same grasp, another hand pose."""
         return self.joined(replace(self, X_OG=self.X_OG @ FLIP))
 
@@ -149,10 +149,10 @@ class GraspSet(Frozen):
         pairs = ((getattr(self, n), getattr(other, n)) for n in ("X_OG", "width", "score", "id"))
         X_OG, width, score, id_ = (np.concatenate(pair) for pair in pairs)
         load = self.load.joined(other.load) if self.load and other.load else None
-        carries = None
-        if self.carries is not None and other.carries is not None:
-            carries = np.concatenate([self.carries, other.carries])
-        return GraspSet(X_OG, width, score, self.rejected, id_, load, carries, self.on_object)
+        payload_score = None
+        if self.payload_score is not None and other.payload_score is not None:
+            payload_score = np.concatenate([self.payload_score, other.payload_score])
+        return GraspSet(X_OG, width, score, self.rejected, id_, load, payload_score, self.on_object)
 
 
 #: Any grasp sampler, model-free or learned: a distance field in, filtered grasps out.

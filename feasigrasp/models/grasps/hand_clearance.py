@@ -9,16 +9,16 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry.points import nearest_distance
-from feasigrasp.models.grasps.certainty import (
+from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet
+from feasigrasp.models.grasps.success_probability import (
     CLEARANCE,
     FAR,
     JOINT_CLEARANCE,
-    UNSEEN_CLEARANCE,
+    UNOBSERVED_CLEARANCE,
     clearance_evidence,
     odds,
     probability,
 )
-from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.scene_field import SceneField
@@ -74,7 +74,7 @@ HOPEFUL = 0.5
 def hand_freedom(
     gpdf: Gpdf,
     grasps: GraspSet,
-    told: Array,
+    learned: Array,
     gripper: ParallelGripper,
     margin: float,
     enough: int,
@@ -87,8 +87,8 @@ def hand_freedom(
     Args:
         gpdf: Distance field in frame O.
         grasps: n grasps; their scores are the probabilities of their contacts.
-        told: Probability that the hand is free, as a network tells it, shape (n,); NaN where it has
-            no opinion.
+        learned: Probability that the hand is free, as a network tells it, shape (n,); NaN where it
+            has no opinion.
         gripper: The hand.
         margin: Least distance from surface that was seen [m].
         enough: While fewer hands than this are free, what lies in known free space does not count.
@@ -99,18 +99,18 @@ def hand_freedom(
     clearance, deviation = hand_clearance(gpdf, grasps.X_OG, gripper, margin)
     free = clearance >= margin + MARGIN_GROWTH * deviation
     in_doubt = np.zeros(len(grasps), dtype=bool)
-    if gpdf.knows_free_space:
-        in_doubt = ~free & (grasps.score * np.nan_to_num(told) >= HOPEFUL)
+    if gpdf.has_free_space:
+        in_doubt = ~free & (grasps.score * np.nan_to_num(learned) >= HOPEFUL)
         few = np.count_nonzero(free) < enough
         again = ~free & ~in_doubt & (few | (grasps.width < THIN_WALL))
-        clearance[again] = seen_clearance(gpdf, grasps.X_OG[again], gripper)
+        clearance[again] = observed_clearance(gpdf, grasps.X_OG[again], gripper)
         free[again] = clearance[again] >= margin + MARGIN_GROWTH * deviation[again]
-        apart = seen_clearance(gpdf, grasps.X_OG[in_doubt], gripper, INVENTED)
+        apart = observed_clearance(gpdf, grasps.X_OG[in_doubt], gripper, INVENTED)
         free[in_doubt] = apart >= margin
     certain = probability(CLEARANCE, clearance_evidence(clearance, deviation))
-    joint = probability(JOINT_CLEARANCE, odds(told), odds(certain))
-    certain = np.where(np.isnan(told), certain, joint)
-    return free, np.where(in_doubt, probability(UNSEEN_CLEARANCE, odds(told)), certain)
+    joint = probability(JOINT_CLEARANCE, odds(learned), odds(certain))
+    certain = np.where(np.isnan(learned), certain, joint)
+    return free, np.where(in_doubt, probability(UNOBSERVED_CLEARANCE, odds(learned)), certain)
 
 
 def hand_clearance(
@@ -138,7 +138,7 @@ def hand_clearance(
     return clearance, deviation
 
 
-def seen_clearance(
+def observed_clearance(
     gpdf: Gpdf, X_OG: Array, gripper: ParallelGripper, invented: float = np.inf
 ) -> Array:
     """As the clearance of `hand_clearance`, but what lies in known free space counts as far.

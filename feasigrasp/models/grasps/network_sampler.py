@@ -15,7 +15,6 @@ from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
-from feasigrasp.models.grasps.certainty import MEAN, odds, probability
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet, grasp_frames
 from feasigrasp.models.grasps.hand_clearance import THIN_WALL
@@ -25,7 +24,8 @@ from feasigrasp.models.grasps.network.network import (
     load_grasp_network,
 )
 from feasigrasp.models.grasps.network.surface_input import GraspInput, grasp_input
-from feasigrasp.models.grasps.thinning import ENOUGH, thin_grasps
+from feasigrasp.models.grasps.non_maximum_suppression import ENOUGH, suppress_non_maxima
+from feasigrasp.models.grasps.success_probability import MEAN, odds, probability
 from feasigrasp.models.quantities import ArrayOf, Count, Share
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
@@ -36,7 +36,7 @@ from feasigrasp.models.shape.surface_error import surface_deviation
 Candidates = tuple[Array, Array, Array]
 
 #: Least score by default: field and network together are surer than the field alone.
-LIKELY = 0.9
+LEAST_SCORE = 0.9
 #: Contacts that the network gives less than this are not looked at ...
 LEAST_CONTACT = 0.2
 #: ... and so many of the rest are spread over the object, per contact that is taken.
@@ -69,7 +69,8 @@ class NetworkSampler:
         n_contacts: Contacts that are put together with approaches.
         n_approaches: Approach directions per contact, at most.
         n_grasps: Most grasps returned.
-        least_score: Grasps that score less are left out, while there are enough; see `thin_grasps`.
+        least_score: Grasps that score less are left out, while there are enough; see
+            `suppress_non_maxima`.
         table: A plane that the hand stays above, see `filter_grasps`.
         top_up: Whether candidates of an `AntipodalSampler` join in where fewer than `ENOUGH`
             grasps are left.
@@ -81,7 +82,7 @@ class NetworkSampler:
     n_contacts: Count = 48
     n_approaches: Count = 4
     n_grasps: Count = 64
-    least_score: Share = LIKELY
+    least_score: Share = LEAST_SCORE
     table: Annotated[ArrayLike, ArrayOf((4,))] | None = None
     top_up: bool = True
 
@@ -112,7 +113,7 @@ class NetworkSampler:
         """What filter and thinning leave of candidates."""
         X_OG, width, prior = candidates
         grasps = filter_grasps(gpdf, X_OG, width, self.gripper, prior=prior, table=self.table)
-        return thin_grasps(grasps, self.n_grasps, least_score=self.least_score)
+        return suppress_non_maxima(grasps, self.n_grasps, least_score=self.least_score)
 
     def _proposed(self, gpdf: Gpdf, surface: GraspInput, proposals: GraspProposals) -> Candidates:
         """The likeliest contacts, spread over the object, put together with their approaches."""

@@ -15,8 +15,8 @@ from feasigrasp.models.clouds.checks import checked_cloud
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.outliers import outliers
 from feasigrasp.models.clouds.table import check_no_table
-from feasigrasp.models.grasps.carry import Carrier, carried
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
+from feasigrasp.models.grasps.payload import PayloadModel, payload_filtered
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler
 from feasigrasp.models.quantities import CLOUD, POINT, Positive, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -78,7 +78,7 @@ def perceive(
         gripper: The hand; the default one unless given. A sampler of your own has its own.
         seed: Of a sampler that draws, see `make_sampler`.
         mass: Mass of the object, if it is known [kg]; else it is estimated from its volume.
-        down: Direction of gravity, shape (3,); see `carried`.
+        down: Direction of gravity, shape (3,); see `payload_filtered`.
 
     Returns:
         The field and the grasps in the frame of the points; `GraspSet.rejected` counts by
@@ -104,5 +104,5 @@ def perceive(
         cloud = FusedCloud.empty(voxel_size, smooth=True).merged(points, view)
         gpdf = complete_shape(cloud)
     g = None if down is None else np.asarray(down)
-    grasps = carried(Carrier(gripper, mass).loaded(gpdf, sampler(gpdf)), g)
+    grasps = payload_filtered(PayloadModel(gripper, mass).with_loads(gpdf, sampler(gpdf)), g)
     return Perception(cloud, gpdf, grasps, gripper, view, int(bad.sum()), g)

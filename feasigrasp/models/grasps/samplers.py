@@ -16,7 +16,7 @@ from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.network.network import load_grasp_network
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
-from feasigrasp.models.grasps.thinning import LIKELY, thin_grasps
+from feasigrasp.models.grasps.non_maximum_suppression import LEAST_SCORE, suppress_non_maxima
 from feasigrasp.models.quantities import Count, Share, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -68,11 +68,11 @@ class Unfiltered:
 
     def __call__(self, gpdf: Gpdf) -> GraspSet:
         """Grasps in the frame of the field, best first."""
-        X_OG, width, told = self.sampler.candidates(gpdf)
-        score = told.prod(axis=1) if isinstance(told, np.ndarray) else np.ones(len(width))
+        X_OG, width, learned = self.sampler.candidates(gpdf)
+        score = learned.prod(axis=1) if isinstance(learned, np.ndarray) else np.ones(len(width))
         order = np.argsort(-score, kind="stable")
         grasps = GraspSet(X_OG[order], width[order], score[order], {}, order)
-        return thin_grasps(grasps, self.sampler.n_grasps, least_score=0.0)
+        return suppress_non_maxima(grasps, self.sampler.n_grasps, least_score=0.0)
 
 
 @checked(GraspError)
@@ -110,7 +110,7 @@ def make_sampler(
     gripper = gripper or ParallelGripper()
     if chosen in plugins("samplers"):
         make = load_plugin("samplers", chosen)
-        least = LIKELY if least_score is None else least_score
+        least = LEAST_SCORE if least_score is None else least_score
         counts = {"n_candidates": n_candidates, "n_grasps": n_grasps}
         added: Proposer = make(gripper, **counts, least_score=least, seed=seed)
         return added if filtered else Unfiltered(added)
@@ -119,7 +119,7 @@ def make_sampler(
             gripper,
             n_candidates=n_candidates,
             n_grasps=n_grasps,
-            least_score=LIKELY if least_score is None else least_score,
+            least_score=LEAST_SCORE if least_score is None else least_score,
             seed=seed,
         )
         return antipodal if filtered else Unfiltered(antipodal)

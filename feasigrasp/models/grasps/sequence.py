@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.funnel import grasp_errors
+from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 
 #: Where an object will be: its poses (k, 4, 4) so many seconds (k,) from some time on.

@@ -1,7 +1,7 @@
 """Exactly which arm angles of a flange pose respect the joint limits, branch by branch.
 
 Sine and cosine of every joint angle are, up to a common positive factor,
-``A sin(phi) + B cos(phi) + C`` of the elbow angle phi (`feasigrasp.models.ik.arm_circle`). So is
+``A sin(phi) + B cos(phi) + C`` of the elbow angle phi (`feasigrasp.models.ik.self_motion`). So is
 
 - ``y cos(L) -+ x sin(L)``, which is zero where ``atan2(y, x)`` is ``+-L``, or half a turn from it:
   joints 1, 3, 5 and 7, in both branches at once;

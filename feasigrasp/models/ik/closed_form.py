@@ -1,7 +1,7 @@
 """Inverse kinematics of the iiwa 7 in closed form: all solutions, and the nearest ones in turn.
 
 For a flange pose and an arm angle there are eight configurations: the signs of the shoulder, elbow
-and wrist joints 2, 4 and 6 (see `feasigrasp.models.ik.arm_circle` for the formulas and the
+and wrist joints 2, 4 and 6 (see `feasigrasp.models.ik.self_motion` for the formulas and the
 conventions at singularities). Joint limits are looked at here, collisions in
 `feasigrasp.models.reach.reachability`. The iterative counterpart is
 `feasigrasp.models.ik.least_squares`.
@@ -16,7 +16,7 @@ from feasigrasp.errors import ArgumentError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.ik.arm_circle import (
+from feasigrasp.models.ik.self_motion import (
     arm_angle_kernel,
     closed_form_kernel,
     configuration_kernel,
@@ -46,22 +46,22 @@ def travel_time_kernel(q_a, q_b):
 
 
 @compiled
-def next_nearest_kernel(circle, lanes, q):
+def next_nearest_kernel(circle, samples, q):
     """Takes the least travel time out of the lanes and writes its configuration (7,).
 
     Returns that time [s], infinite if nothing is left.
     """
-    m = len(lanes.sine)
-    times = lanes.time.reshape(-1)
+    m = len(samples.sine)
+    times = samples.time.reshape(-1)
     index = np.argmin(times)
     shortest = times[index]
     if shortest < np.inf:
         times[index] = np.inf
-        row, lane = index // m, index % m
-        elbow = lanes.elbow[lane]
+        row, sample = index // m, index % m
+        elbow = samples.elbow[sample]
         branch = row if elbow > 0.0 else 4 + row
         configuration_kernel(
-            circle, elbow * lanes.sine[lane], elbow * lanes.cosine[lane], branch, q
+            circle, elbow * samples.sine[sample], elbow * samples.cosine[sample], branch, q
         )
     return shortest
 

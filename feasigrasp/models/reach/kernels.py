@@ -11,16 +11,20 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.ik.arm_angle_intervals import Segments, make_segments, segments_kernel
-from feasigrasp.models.ik.arm_angle_table import Lanes, lanes_kernel, travel_times_kernel
-from feasigrasp.models.ik.arm_circle import (
-    arm_angle_kernel,
-    arm_circle_kernel,
-    configuration_kernel,
-)
 from feasigrasp.models.ik.closed_form import (
     inside_limits_kernel,
     next_nearest_kernel,
     travel_time_kernel,
+)
+from feasigrasp.models.ik.redundancy_samples import (
+    RedundancySamples,
+    redundancy_samples_kernel,
+    travel_times_kernel,
+)
+from feasigrasp.models.ik.self_motion import (
+    arm_angle_kernel,
+    configuration_kernel,
+    self_motion_kernel,
 )
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import dot, minus, step
@@ -66,30 +70,30 @@ class Search(NamedTuple):
     fixed_pairs: Indices
 
 
-class Room(NamedTuple):
+class Scratch(NamedTuple):
     """Scratch memory of a search, made once for many poses.
 
     Attributes:
-        lanes: Arm angles to choose the nearest configuration from.
+        samples: Arm angles to choose the nearest configuration from.
         segments: The exact intervals of arm angle.
         q: The configuration that is being tried, shape (7,).
         ends: Ends of the hand's capsules in the base frame, shape (c, 2, 3).
     """
 
-    lanes: Lanes
+    samples: RedundancySamples
     segments: Segments
     q: Array
     ends: Array
 
 
 @compiled
-def make_room(search, q_near):
+def make_scratch(search, q_near):
     """Room for a search; the arm angle of ``q_near`` is tried beside those of ``search``.
 
     So the nearest solution moves smoothly with the pose.
     """
-    return Room(
-        lanes_kernel(search.psis, arm_angle_kernel(q_near)),
+    return Scratch(
+        redundancy_samples_kernel(search.psis, arm_angle_kernel(q_near)),
         make_segments(search.limit_margin),
         np.empty(IIWA_7.joints),
         np.empty(search.fixed.shape),
@@ -150,29 +154,29 @@ def _write_candidate(circle, phi, branch, q):
 
 
 @compiled
-def _first_in_segments(circle, search, room):
-    """REACHABLE, with the configuration in ``room.q``, as soon as one is admissible; or why not."""
-    verdict, segments = LIMITS, room.segments
+def _first_in_segments(circle, search, scratch):
+    """REACHABLE at the first admissible configuration, written to ``scratch.q``; or why not."""
+    verdict, segments = LIMITS, scratch.segments
     for k in range(segments_kernel(circle, segments)):
         parts, size = _parts(segments, k, search.spacing)
         for part in range(parts):
             for branch in range(8):
                 if (segments.branches[k] >> branch) & 1:
                     _write_candidate(
-                        circle, segments.start[k] + (part + 0.5) * size, branch, room.q
+                        circle, segments.start[k] + (part + 0.5) * size, branch, scratch.q
                     )
-                    if _is_admissible(room.q, search.open, search, search.floor):
+                    if _is_admissible(scratch.q, search.open, search, search.floor):
                         return REACHABLE
                     if verdict != TABLE:
-                        without_table = _is_admissible(room.q, search.open, search, -np.inf)
+                        without_table = _is_admissible(scratch.q, search.open, search, -np.inf)
                         verdict = TABLE if without_table else SELF_COLLISION
     return verdict
 
 
 @compiled
-def _all_candidates(circle, search, room):
+def _all_candidates(circle, search, scratch):
     """All admissible configurations (n, 7) that are tried inside the exact intervals."""
-    segments = room.segments
+    segments = scratch.segments
     count = segments_kernel(circle, segments)
     most = 0
     for k in range(count):
@@ -191,39 +195,39 @@ def _all_candidates(circle, search, room):
 
 
 @compiled
-def verdict_kernel(X_WF, search, room):
+def verdict_kernel(X_WF, search, scratch):
     """Whether a flange pose can be reached: REACHABLE, or why not.
 
     SELF_COLLISION: every configuration inside the limits collides with itself. TABLE: not every
     one does, but all others are too close to the table; or the hand itself is.
     """
-    circle = arm_circle_kernel(X_WF)
+    circle = self_motion_kernel(X_WF)
     if not circle.reached:
         return WRIST
-    verdict = hand_verdict_kernel(X_WF, search, room.ends)
+    verdict = hand_verdict_kernel(X_WF, search, scratch.ends)
     if verdict != REACHABLE:
         return verdict
-    return _first_in_segments(circle, search, room)
+    return _first_in_segments(circle, search, scratch)
 
 
 @compiled
-def nearest_kernel(X_WF, q_near, search, room, q_best):
+def nearest_kernel(X_WF, q_near, search, scratch, q_best):
     """Writes the admissible configuration that is soonest reached from ``q_near``.
 
     It is the best of the arm angles of ``search`` and that of ``q_near``; if none of them is
     admissible, the best inside the exact intervals. Returns the travel time [s], infinite if there
     is none.
     """
-    circle = arm_circle_kernel(X_WF)
-    if not circle.reached or hand_verdict_kernel(X_WF, search, room.ends) != REACHABLE:
+    circle = self_motion_kernel(X_WF)
+    if not circle.reached or hand_verdict_kernel(X_WF, search, scratch.ends) != REACHABLE:
         return np.inf
-    travel_times_kernel(circle, q_near, search.limit_margin, room.lanes)
-    while next_nearest_kernel(circle, room.lanes, room.q) < np.inf:
-        if _is_admissible(room.q, search.open, search, search.floor):
-            q_best[:] = room.q
-            return travel_time_kernel(room.q, q_near)
+    travel_times_kernel(circle, q_near, search.limit_margin, scratch.samples)
+    while next_nearest_kernel(circle, scratch.samples, scratch.q) < np.inf:
+        if _is_admissible(scratch.q, search.open, search, search.floor):
+            q_best[:] = scratch.q
+            return travel_time_kernel(scratch.q, q_near)
     shortest = np.inf
-    for q in _all_candidates(circle, search, room):
+    for q in _all_candidates(circle, search, scratch):
         time = travel_time_kernel(q, q_near)
         if time < shortest:
             shortest = time
@@ -234,17 +238,17 @@ def nearest_kernel(X_WF, q_near, search, room, q_best):
 @compiled
 def nearest_batch_kernel(X_WF, q_near, search, q, times):
     """`nearest_kernel` of poses (n, 4, 4)."""
-    room = make_room(search, q_near)
+    scratch = make_scratch(search, q_near)
     for k in range(len(X_WF)):
-        times[k] = nearest_kernel(X_WF[k], q_near, search, room, q[k])
+        times[k] = nearest_kernel(X_WF[k], q_near, search, scratch, q[k])
 
 
 @compiled
 def verdict_batch_kernel(X_WF, search, verdicts):
     """`verdict_kernel` of poses (n, 4, 4)."""
-    room = make_room(search, np.zeros(IIWA_7.joints))
+    scratch = make_scratch(search, np.zeros(IIWA_7.joints))
     for k in range(len(X_WF)):
-        verdicts[k] = verdict_kernel(X_WF[k], search, room)
+        verdicts[k] = verdict_kernel(X_WF[k], search, scratch)
 
 
 @compiled

@@ -1,8 +1,8 @@
 """Which pixels of a depth image show the object, by depth and what is known of the cell.
 
 1. What is known, the robot at its measured joints or the cell that stands still, is not the object
-   (`feasigrasp.models.segmentation.known_bodies`), nor is what carries it, if that has a known
-   colour (`feasigrasp.models.segmentation.hue`).
+   (`feasigrasp.models.segmentation.modeled_bodies`), nor is what carries it, if that has a known
+   colour (`feasigrasp.models.segmentation.color_gate`).
 2. What is left is cut into components, `components`; pixels that belong to none (those that fly
    between two surfaces, above all) show nothing clear.
 3. With a field of the object, the components are kept that agree with it at the predicted pose.
@@ -27,13 +27,13 @@ from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.components import Components, find_components
-from feasigrasp.models.segmentation.known_bodies import (
+from feasigrasp.models.segmentation.modeled_bodies import (
     CARRIER,
     CELL,
     FREE,
     ROBOT,
     SIGMAS,
-    UNSEEN,
+    UNOBSERVED,
 )
 
 #: A point agrees with the field that is no farther from its zero [m]: the error of the predicted
@@ -224,7 +224,7 @@ def segment(
     Args:
         view: The image.
         known: What is known besides.
-        kinds: What each pixel shows that is known, see `KnownBodies.kinds`, or `CARRIER`, shape
+        kinds: What each pixel shows that is known, see `ModeledBodies.kinds`, or `CARRIER`, shape
             (n,).
         p_WH: The object is looked for about this point, that of the hand, shape (3,) [m].
         camera: The camera.
@@ -240,7 +240,7 @@ def segment(
     components = find_components(view.points, free, view.X_WC[:3, 3], camera)
 
     labels = np.full(len(kinds), Label.UNCLEAR, dtype=np.int16)
-    labels[(kinds == CELL) | (kinds == UNSEEN)] = Label.SURROUNDINGS
+    labels[(kinds == CELL) | (kinds == UNOBSERVED)] = Label.SURROUNDINGS
     labels[kinds == ROBOT] = Label.ROBOT
     labels[kinds == CARRIER] = Label.CARRIER
     followed = _followed(components, view, known)
@@ -252,7 +252,7 @@ def segment(
         if found.any():  # with the object found, the rest is none
             labels[components.number >= 0] = Label.SURROUNDINGS
     image = labels.reshape(camera.height, camera.width)
-    image[_closed(found.reshape(image.shape), (kinds == UNSEEN).reshape(image.shape))] = (
+    image[_closed(found.reshape(image.shape), (kinds == UNOBSERVED).reshape(image.shape))] = (
         Label.OBJECT
     )
     return image
@@ -306,12 +306,12 @@ def _moving(
     return [group for group, share in zip(groups, shares, strict=True) if share >= least]
 
 
-def _closed(mask: Mask, unseen: Mask) -> Mask:
+def _closed(mask: Mask, unobserved: Mask) -> Mask:
     """The mask with the small holes in it where nothing was measured."""
     box = find_objects(mask.astype(np.int8))
     if not box:
         return mask
     around = tuple(slice(max(s.start - 2, 0), s.stop + 2) for s in box[0])
     closed = mask.copy()
-    closed[around] |= binary_closing(mask[around], _AROUND) & unseen[around]
+    closed[around] |= binary_closing(mask[around], _AROUND) & unobserved[around]
     return closed

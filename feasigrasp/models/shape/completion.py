@@ -158,7 +158,7 @@ class CompletedField(Gpdf):
     cloud_normals: Annotated[Array, ArrayOf(("c", 3))]
     images: tuple[ViewImage, ...]
     observed: Whole
-    knows_free_space: ClassVar[bool] = True
+    has_free_space: ClassVar[bool] = True
 
     @checked(PointCloudError)
     def variance(self, x: Annotated[ArrayLike, POINTS]) -> Array:
@@ -253,9 +253,9 @@ def complete_shape(
     def fitted_to(count: int, hidden: HiddenNodes) -> tuple[Gpdf, int]:
         """The field of so many of the surface points, and how many of its nodes rest on them."""
         seen, signed = _seen_nodes(surface[:count], normals[:count], steep[:count])
-        unsure = HIDDEN_NOISE * (hidden.deviation / length_scale) ** 2
+        hidden_variance = HIDDEN_NOISE * (hidden.deviation / length_scale) ** 2
         made_up = np.zeros(len(hidden.points))
-        noise = np.concatenate([np.zeros(len(seen) + len(free)), unsure])
+        noise = np.concatenate([np.zeros(len(seen) + len(free)), hidden_variance])
         fitted = fit_field(
             np.concatenate([seen, free, hidden.points]),
             np.exp(-np.concatenate([signed, free_by, made_up]) / length_scale),

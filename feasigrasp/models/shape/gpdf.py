@@ -76,7 +76,7 @@ class Gpdf(Frozen):
         cholesky: Cholesky factor of ``K + diag(s2)``, shape (k, k), Fortran order; only its lower
             triangle means anything.
         damped: Whether ``refine`` takes damped Newton steps; if not, the paper's steps of d.
-        knows_free_space: Whether `possible` tells anything.
+        has_free_space: Whether `possible` tells anything.
     """
 
     points: Annotated[Array, POINTS]
@@ -88,7 +88,7 @@ class Gpdf(Frozen):
     alpha: Annotated[Array, ArrayOf(("k",))]
     cholesky: Annotated[Array, ArrayOf(("k", "k"), finite=False, order="K")]
     damped: bool = True
-    knows_free_space: ClassVar[bool] = False
+    has_free_space: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         """Checks and freezes the arrays."""

@@ -221,5 +221,5 @@ def _outward_normals(
     reference = at - cloud.mean(axis=0) if towards_camera is None else towards_camera
     length = np.maximum(np.linalg.norm(reference, axis=1), 1e-12)
     cosine = np.einsum("mi,mi->m", normals, reference) / length
-    sure = np.abs(cosine) > _UNSURE
-    return at[sure], (normals * np.sign(cosine)[:, None])[sure]
+    reliable = np.abs(cosine) > _UNSURE
+    return at[reliable], (normals * np.sign(cosine)[:, None])[reliable]

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from feasigrasp.models.arrays import Array, kept_with_value
-from feasigrasp.models.clouds.seen_space import SCENE_VOXEL
+from feasigrasp.models.arrays import Array, cached_on_value
+from feasigrasp.models.clouds.observed_space import SCENE_VOXEL
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.geometry.points import nearest_distance
@@ -69,7 +69,7 @@ def _take(points, m, low, size, i, j, k, taken, squares):
         taken[i, j, k] = m
 
 
-@kept_with_value  # made once per scene, by who sees it; the controllers look it up
+@cached_on_value  # made once per scene, by who sees it; the controllers look it up
 def obstacle_grid(
     scene: SceneField, *, voxel_size: float = SCENE_VOXEL, max_distance: float = 0.4
 ) -> ObstacleGrid:
@@ -85,8 +85,8 @@ def obstacle_grid(
     values = np.full(shape, max_distance**2)
     _nearest_point_kernel(np.ascontiguousarray(scene.points), low, voxel_size, values)
     near = np.nonzero(values < (_BAND * voxel_size) ** 2)
-    if len(scene.unseen):
-        _nearest_point_kernel(np.ascontiguousarray(scene.unseen), low, voxel_size, values)
+    if len(scene.unobserved):
+        _nearest_point_kernel(np.ascontiguousarray(scene.unobserved), low, voxel_size, values)
     values = np.sqrt(values)
     if len(near[0]) > 0:
         nodes = np.stack(near, axis=1) * voxel_size + low
@@ -94,7 +94,7 @@ def obstacle_grid(
     return ObstacleGrid(values.astype(np.float32), np.array([*low, voxel_size, max_distance]))
 
 
-@kept_with_value  # the same field comes along with every tick of the sequencer
+@cached_on_value  # the same field comes along with every tick of the sequencer
 def object_grid(
     gpdf: Gpdf, *, voxel_size: float = 0.008, max_distance: float = 0.05
 ) -> ObstacleGrid:
@@ -136,8 +136,8 @@ def object_grid(
         return ObstacleGrid(whole, frame)
     values = _to_nearest(surface[known], low, voxel_size, np.full(shape, max_distance))
     filled[filled] = nearest_distance(nodes[filled], observed) < INVENTED
-    told = (values < band) & (field >= 0.0) | filled
-    seen = ObstacleGrid(np.where(told, field, values).astype(np.float32), frame)
+    decided = (values < band) & (field >= 0.0) | filled
+    seen = ObstacleGrid(np.where(decided, field, values).astype(np.float32), frame)
     return ObstacleGrid(whole, frame, seen)
 
 

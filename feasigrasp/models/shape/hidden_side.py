@@ -43,7 +43,7 @@ def picture_scale(image: ViewImage) -> float:
     return 0.5 * SIDE * image.pixel * float(image.depth[image.mask].mean())
 
 
-def believed_thickness(image: ViewImage, field: Gpdf) -> tuple[Array, Array]:
+def estimated_thickness(image: ViewImage, field: Gpdf) -> tuple[Array, Array]:
     """Where a field ends on the lines of sight, and how far that is from all that was seen.
 
     Every second line of sight of every second row is looked at, which is as fine as fields are.
@@ -78,7 +78,7 @@ def features(image: ViewImage, field: Gpdf) -> NDArray[np.float32]:
     relative = np.where(mask, image.depth - image.depth[mask].mean(), 0.0) / scale
     rim = distance_transform_edt(mask) / (0.25 * SIDE)
     size = np.where(mask, np.log(scale / TYPICAL_SIZE), 0.0)
-    believed, apart = (part / scale for part in believed_thickness(image, field))
-    known = np.isfinite(believed)
-    believed, apart = (np.where(known, part, 0.0) for part in (believed, apart))
-    return np.stack([mask, relative, rim, size, believed, known, apart]).astype(np.float32)
+    estimated, apart = (part / scale for part in estimated_thickness(image, field))
+    known = np.isfinite(estimated)
+    estimated, apart = (np.where(known, part, 0.0) for part in (estimated, apart))
+    return np.stack([mask, relative, rim, size, estimated, known, apart]).astype(np.float32)

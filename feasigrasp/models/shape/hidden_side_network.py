@@ -28,7 +28,7 @@ _FILE = WeightsFormat("hidden side", "feasigrasp hidden_side 2", "feasigrasp tra
 #: Channels of a picture, see `hidden_side.features`.
 FEATURES = 7
 #: The channel with the thickness that is believed without the network.
-BELIEVED = 4
+ESTIMATED = 4
 #: Channels at half, quarter and eighth resolution.
 CHANNELS = (32, 64, 96)
 #: Least spread of the thickness, in units of the picture's scale.
@@ -88,7 +88,7 @@ class HiddenSide:
             x = self._block(f"up.{level}", np.concatenate([skipped[level], larger], axis=2))
         answers = self._convolved("head", x).astype(float)
         change, spread = _doubled(_doubled(answers).swapaxes(0, 1)).T
-        return picture[BELIEVED] + change, np.logaddexp(0.0, spread) + LEAST_SPREAD
+        return picture[ESTIMATED] + change, np.logaddexp(0.0, spread) + LEAST_SPREAD
 
     def save(self, filename: Path) -> None:
         """Writes the weights."""

@@ -28,7 +28,7 @@ from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.checks import MIN_POINTS, directions_to_camera
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
-from feasigrasp.models.clouds.seen_space import SCENE_VOXEL
+from feasigrasp.models.clouds.observed_space import SCENE_VOXEL
 from feasigrasp.models.quantities import POINTS, VIEW, ArrayOf, Bound, Count, NotNegative, Positive
 from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
@@ -46,7 +46,7 @@ _LEAF = 64
 _BEHIND = -0.5
 
 
-_UNSEEN = ArrayOf(("k", 3), "m")
+_UNOBSERVED = ArrayOf(("k", 3), "m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +60,8 @@ class SceneField(Frozen):
             and stand for themselves.
         resolution: Edge length of a voxel [m].
         thickness: Depth behind a seen surface that counts as inside [m].
-        unseen: Middles of voxels of `SCENE_VOXEL` that were never seen and may belong to what was,
-            shape (k, 3) [m]; no part of the distance, which is that to what was seen.
+        unobserved: Middles of voxels of `SCENE_VOXEL` that were never seen and may belong to what
+            was, shape (k, 3) [m]; no part of the distance, which is that to what was seen.
     """
 
     points: Annotated[Array, POINTS]
@@ -69,14 +69,14 @@ class SceneField(Frozen):
     fields: tuple[Gpdf | None, ...]
     resolution: Positive
     thickness: NotNegative
-    unseen: Annotated[Array, _UNSEEN] = field(default_factory=lambda: np.zeros((0, 3)))
+    unobserved: Annotated[Array, _UNOBSERVED] = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         """Checks and freezes the arrays."""
         check_fields(self, PointCloudError)
         if self.cube.size and not 0 <= self.cube.min() <= self.cube.max() < len(self.fields):
             raise PointCloudError(f"SceneField.cube is outside 0 ... {len(self.fields) - 1}")
-        self._freeze(points=self.points, cube=self.cube, unseen=self.unseen)
+        self._freeze(points=self.points, cube=self.cube, unobserved=self.unobserved)
 
     @checked(PointCloudError)
     def distance(self, x: Annotated[ArrayLike, POINTS]) -> Array:
@@ -135,7 +135,7 @@ class SceneField(Frozen):
     def unseen_distance(
         self, x: Annotated[ArrayLike, POINTS], max_distance: Bound = np.inf
     ) -> Array:
-        """Distance of points x (m, 3) to the voxels of ``unseen``, taken for balls, (m,) [m].
+        """Distance of points x (m, 3) to the voxels of ``unobserved``, taken for balls, (m,) [m].
 
         Farther than ``max_distance`` away, and if there are none, it is infinite.
         """
@@ -165,7 +165,7 @@ class SceneField(Frozen):
 
     @cached_property
     def _unseen_tree(self) -> cKDTree:
-        return cKDTree(self.unseen, leafsize=_LEAF)
+        return cKDTree(self.unobserved, leafsize=_LEAF)
 
 
 @checked(PointCloudError)

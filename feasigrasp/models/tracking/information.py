@@ -63,10 +63,10 @@ def without_noise(
     T[3:, :3] = se3.hat(middle) @ T[:3, :3]
     rows = J @ T
     values, vectors = np.linalg.eigh(rows.T @ (weights[:, None] * rows))
-    believed = np.maximum(values - noise * total, 0.0)
-    share = np.divide(believed, values, out=np.zeros(6), where=values > 0.0)
+    retained = np.maximum(values - noise * total, 0.0)
+    share = np.divide(retained, values, out=np.zeros(6), where=values > 0.0)
     T_inverse = np.linalg.inv(T)
-    information = T_inverse.T @ (vectors * (believed * share)) @ vectors.T @ T_inverse
+    information = T_inverse.T @ (vectors * (retained * share)) @ vectors.T @ T_inverse
     projection = T_inverse.T @ (vectors * share) @ vectors.T @ T.T
     return information, projection
 

@@ -84,10 +84,10 @@ def is_worth_merging(key: Keyframe, found: Registration, last: float, views: Vie
     new_part = found.new > _NEW_PART
     if not _good_enough(key, found, other=new_part or views.turned(key.p_OC) > _OTHER_SIDE):
         return False
-    if new_part or views.tells_more(key.p_OC, key.time, _KNOWN_SIDE, _KEY_REVISIT):
+    if new_part or views.adds_information(key.p_OC, key.time, _KNOWN_SIDE, _KEY_REVISIT):
         return True
     late = key.time >= last + _KNOWN_PERIOD
-    return late and views.tells_more(key.p_OC, key.time, KEY_VIEWS, _KEY_REVISIT)
+    return late and views.adds_information(key.p_OC, key.time, KEY_VIEWS, _KEY_REVISIT)
 
 
 def _good_enough(key: Keyframe, found: Registration, *, other: bool) -> bool:
@@ -95,8 +95,8 @@ def _good_enough(key: Keyframe, found: Registration, *, other: bool) -> bool:
     in_view = _OTHER_VIEW if other else _KEY_VIEW
     inliers = _OTHER_INLIERS if other else _KEY_INLIERS
     deviation = _OTHER_DEVIATION if other else _KEY_DEVIATION
-    sure = found.inliers > inliers and found.beside < _KEY_BESIDE
-    return sure and found.in_view > in_view and key.deviation < deviation
+    reliable = found.inliers > inliers and found.beside < _KEY_BESIDE
+    return reliable and found.in_view > in_view and key.deviation < deviation
 
 
 def is_cut(view: ObjectView) -> bool:

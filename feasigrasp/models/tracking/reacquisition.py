@@ -25,7 +25,7 @@ _FOLLOWED = 4
 _AGAIN = 6
 #: What the place is known to be worth after a gap, beside what the filter says [rad, m]; and after
 #: a long one, in which the object may have turned to any side.
-UNSURE, ANYHOW = (0.3, 0.05), (1.5, 0.1)
+SEARCH_SPREAD, ANY_ORIENTATION_SPREAD = (0.3, 0.05), (1.5, 0.1)
 #: A model point that projects onto the background is worth so many points of the object.
 _BESIDE = 2.0
 
@@ -36,7 +36,7 @@ def reacquire(
     guesses: Sequence[Array],
     covariance: Array,
     *,
-    anyhow: int | None = None,
+    any_orientation: int | None = None,
 ) -> Registration:
     """The best registration of several.
 
@@ -45,17 +45,18 @@ def reacquire(
         view: An image in which it may be.
         guesses: Where it may be by now, the likeliest pose first, shape (4, 4) each.
         covariance: Of the error [theta, p] of these, shape (6, 6).
-        anyhow: Seed of the turns that are tried where it may have turned by any angle: another one
-            in every search, so that some start comes near; None if it has hardly turned.
+        any_orientation: Seed of the turns that are tried where it may have turned by any angle:
+            another one in every search, so that some start comes near; None if it has hardly
+            turned.
     """
     starts = [(guess, X) for guess in guesses for X in _starts(model, view, guess, _NEARBY)]
     fits = np.array([_fit(model, view, X) for _, X in starts])
     starts = [starts[k] for k in np.argsort(-fits)[:_FOLLOWED]]
-    if anyhow is not None:  # from so far off nothing can be said before it was followed
-        some = Rotation.from_quat(np.random.default_rng(anyhow).standard_normal(4))
+    if any_orientation is not None:  # from so far off nothing can be said before it was followed
+        some = Rotation.from_quat(np.random.default_rng(any_orientation).standard_normal(4))
         turns = (some * _ALL_ROUND).as_rotvec()
         starts += [(guesses[0], X) for X in _starts(model, view, guesses[0], turns)]
-    for _ in range(1 if anyhow is None else 2):
+    for _ in range(1 if any_orientation is None else 2):
         found = [
             register(model, view, guess, covariance, start=X, points=_COARSE) for guess, X in starts
         ]

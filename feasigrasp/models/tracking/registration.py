@@ -220,13 +220,13 @@ def _silhouette(
         return np.zeros((0, 6)), np.zeros(0), np.zeros(0), nothing
     lever, points_C, shown = lever[facing], points_C[facing], shown[facing]
     on = view.on_object(points_C[shown])
-    told = on | ~view.hidden(points_C[shown])  # what a finger is before may be there or not
+    visible = on | ~view.hidden(points_C[shown])  # what a finger is before may be there or not
     found, way = view.beside(points_C)
     result = _Shown(
         beside=float(found.mean()),
-        in_view=float(told.sum() / len(shown)),
+        in_view=float(visible.sum() / len(shown)),
         inside=inside,
-        covered=float(on[told].mean()) if told.any() else 0.0,
+        covered=float(on[visible].mean()) if visible.any() else 0.0,
         facing=float(facing.mean()),
     )
     excess = np.linalg.norm(way, axis=1)

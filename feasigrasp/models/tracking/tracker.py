@@ -26,7 +26,7 @@ from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 from feasigrasp.models.objects.tracking import COASTING_AFTER, TrackingState
 from feasigrasp.models.quantities import UNKNOWN_POSE, ArrayOf, Bound, Instant, Share
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.tracking.belief import is_believed, is_found, shows_known
+from feasigrasp.models.tracking.acceptance import is_accepted, is_found, shows_model
 from feasigrasp.models.tracking.information import surface_deviation
 from feasigrasp.models.tracking.keyframe import (
     KEY_PERIOD,
@@ -37,7 +37,11 @@ from feasigrasp.models.tracking.keyframe import (
     keyframe_of,
 )
 from feasigrasp.models.tracking.model import TrackedModel
-from feasigrasp.models.tracking.reacquisition import ANYHOW, UNSURE, reacquire
+from feasigrasp.models.tracking.reacquisition import (
+    ANY_ORIENTATION_SPREAD,
+    SEARCH_SPREAD,
+    reacquire,
+)
 from feasigrasp.models.tracking.registration import Registration, register
 from feasigrasp.models.tracking.twist_filter import TwistFilter, jerk_of, moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
@@ -275,17 +279,23 @@ def _located(
     time = before.image_time
     found = register(model, view, expected.X_WO, expected.pose_covariance)
     near = np.linalg.norm(found.X_WO[:3, 3] - expected.X_WO[:3, 3]) <= _LARGE_STEP
-    good = is_believed(found) if near else is_found(found)
-    good = good and (gap < _LONG_GAP or shows_known(found))
+    good = is_accepted(found) if near else is_found(found)
+    good = good and (gap < _LONG_GAP or shows_model(found))
     may_search = gap > _SEARCH_AFTER and time >= before.searched_at + _SEARCH_PERIOD
     if not good and may_search and len(view.points_W) >= _FIRST_POINTS:
         before = replace(before, searched_at=time)
         # Where it is expected, and where it is if it has gone on as it went.
-        anyhow = round(1e3 * time) if gap > _LONG_GAP else None
-        unsure = np.diag(np.square(np.repeat(UNSURE if anyhow is None else ANYHOW, 3)))
-        wide, on = expected.widened(unsure), last.pose(time)
-        found = reacquire(model, view, (wide.X_WO, on), wide.pose_covariance, anyhow=anyhow)
-        good = is_found(found, anyhow=anyhow is not None)
+        any_orientation = round(1e3 * time) if gap > _LONG_GAP else None
+        spread = np.diag(
+            np.square(
+                np.repeat(SEARCH_SPREAD if any_orientation is None else ANY_ORIENTATION_SPREAD, 3)
+            )
+        )
+        wide, on = expected.widened(spread), last.pose(time)
+        found = reacquire(
+            model, view, (wide.X_WO, on), wide.pose_covariance, any_orientation=any_orientation
+        )
+        good = is_found(found, any_orientation=any_orientation is not None)
         expected = wide if good else expected
     if not good:
         return before, None

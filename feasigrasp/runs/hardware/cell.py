@@ -27,7 +27,7 @@ from feasigrasp.systems.hardware.simulated_cell import make_simulated_cell
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
 
 
-class HeardCommands:
+class ReceivedCommands:
     """Every command for the arm, and when something was asked of the guard.
 
     Attributes:
@@ -142,13 +142,13 @@ def simulate_cell(
     with one_thread(), postponed_interrupt() as interrupted:
         built = time.perf_counter()
         lcm = channels.open_lcm(lcm_url)
-        heard = HeardCommands(lcm, lambda: simulator.get_context().get_time())
+        received = ReceivedCommands(lcm, lambda: simulator.get_context().get_time())
         # The simulation may be slow, but not deaf: a driver hears its commands.
         with real_time(DRIVER, main=False):
             diagram = make_simulated_cell(scenario, lcm)
             simulator = Simulator(diagram)
             ApplySimulatorConfig(scenario.simulator_config, simulator)
-            monitor = _Monitor(diagram, scenario, heard, interrupted.is_set, line, rate)
+            monitor = _Monitor(diagram, scenario, received, interrupted.is_set, line, rate)
             simulator.set_monitor(monitor)
             started = time.perf_counter()
             try:
@@ -160,9 +160,9 @@ def simulate_cell(
         error = monitor.error
     ended = time.perf_counter()
     context = simulator.get_context()
-    metrics, said = _judged(diagram, context, scenario, heard, broke_off=error is not None)
+    metrics, report = _judged(diagram, context, scenario, received, broke_off=error is not None)
     timings = timings_of(built, started, ended, context.get_time())
-    record |= {"timings": timings, "metrics": metrics, "error": error, "hardware": said}
+    record |= {"timings": timings, "metrics": metrics, "error": error, "hardware": report}
     keep(record)
     return record
 
@@ -171,7 +171,7 @@ def _judged(
     diagram: Diagram,
     context: Context,
     scenario: Scenario,
-    heard: HeardCommands,
+    received: ReceivedCommands,
     *,
     broke_off: bool,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -179,8 +179,8 @@ def _judged(
     log = diagram.GetSubsystemByName("log(arm)").FindLog(context)
     q, v = np.split(log.data().T, 2, axis=1)
     _, _, metrics = measured(diagram, context, scenario, broke_off=broke_off, sent=q)
-    sent = heard.positions(q[0])
-    velocity = heard.velocities(q[0])
+    sent = received.positions(q[0])
+    velocity = received.velocities(q[0])
     change = np.diff(velocity, axis=0, prepend=0.0) / channels.IIWA_PERIOD
     speeds = (velocity / IIWA_7.velocity_limits, v / IIWA_7.velocity_limits)
     accelerations = change / IIWA_7.acceleration_limits
@@ -191,22 +191,22 @@ def _judged(
     beyond = np.abs(sent) > IIWA_7.driver.position
     driver = diagram.GetSubsystemByName("driver")
     stopped = driver.GetOutputPort("stopped").Eval(driver.GetMyContextFromRoot(context))
-    gaps = 1e3 * heard.gaps()
-    said = {
-        "first_request_s": heard.first,
+    gaps = 1e3 * received.gaps()
+    report = {
+        "first_request_s": received.first,
         "commands": len(sent) - 1,
-        "commands_missing": heard.missing,
-        "commands_late": heard.late,
-        "commands_unusable": heard.unusable,
+        "commands_missing": received.missing,
+        "commands_late": received.late,
+        "commands_unusable": received.unusable,
         "commands_clamped": int(beyond.any(axis=1).sum()),
         "driver_stopped_by_joint": int(stopped[0]),
-        "requests": len(heard.requests),
+        "requests": len(received.requests),
         "request_gap_ms_max": float(gaps.max()) if len(gaps) else None,
         "request_gap_ms_p99": float(np.percentile(gaps, 99)) if len(gaps) else None,
-        "last_request_s": heard.requests[-1] if heard.requests else None,
-        "rest_s": _rest(heard, context.get_time()),
+        "last_request_s": received.requests[-1] if received.requests else None,
+        "rest_s": _rest(received, context.get_time()),
     }
-    return metrics, said
+    return metrics, report
 
 
 def _share_beyond(ratios: Array) -> float:
@@ -215,14 +215,14 @@ def _share_beyond(ratios: Array) -> float:
     return 100.0 * float(beyond.mean()) if len(beyond) else 0.0
 
 
-def _rest(heard: HeardCommands, ended: float) -> float | None:
+def _rest(received: ReceivedCommands, ended: float) -> float | None:
     """How long after the last request the arm was sent to rest [s]; None if it was not.
 
     By the commands, since an object that is carried on may push an arm that stands.
     """
-    if not heard.requests or ended - heard.moved < 2.0 * channels.IIWA_PERIOD:
+    if not received.requests or ended - received.moved < 2.0 * channels.IIWA_PERIOD:
         return None
-    return max(0.0, heard.moved - heard.requests[-1])
+    return max(0.0, received.moved - received.requests[-1])
 
 
 class _Monitor:
@@ -236,7 +236,7 @@ class _Monitor:
         self,
         diagram: Diagram,
         scenario: Scenario,
-        heard: HeardCommands,
+        received: ReceivedCommands,
         interrupted: Callable[[], bool],
         line: StatusLine | None,
         rate: float,
@@ -244,7 +244,7 @@ class _Monitor:
         self.error: str | None = None
         self._tick = channels.IIWA_PERIOD / rate
         self._ticks, self._tick_ends = 0, 0.0
-        self._scenario, self._heard = scenario, heard
+        self._scenario, self._received = scenario, received
         self._interrupted, self._line = interrupted, line
         self._handover = diagram.GetSubsystemByName("handover")
         self._next, self._done_at = 0.0, np.inf
@@ -258,9 +258,9 @@ class _Monitor:
             return EventStatus.DidNothing()
         self._next = now + 0.5 * SAMPLE_PERIOD
         if self._line is not None:
-            waits = "waiting for a controller" if self._heard.first is None else "controlled"
+            waits = "waiting for a controller" if self._received.first is None else "controlled"
             self._line.show(f"simulating {now:6.1f} s  {waits}", patient=True)
-        if self._heard.first is None:
+        if self._received.first is None:
             return EventStatus.DidNothing()
         phase = self._handover.GetOutputPort("phase").Eval(
             self._handover.GetMyContextFromRoot(context)
@@ -269,9 +269,9 @@ class _Monitor:
             self._done_at = min(self._done_at, now)
         if now >= self._done_at + SAMPLE_PERIOD:
             return self._end(None)
-        if now - self._heard.first >= self._scenario.simulation_duration:
+        if now - self._received.first >= self._scenario.simulation_duration:
             return self._end(None)
-        if now - self._heard.requests[-1] >= GONE_AFTER:
+        if now - self._received.requests[-1] >= GONE_AFTER:
             return self._end("the controller is gone: it asks for nothing any more")
         return EventStatus.DidNothing()
 

@@ -166,15 +166,15 @@ class _Commands:
     """Whether anybody commands the arm."""
 
     def __init__(self, lcm: DrakeLcm) -> None:
-        self._heard = False
-        self._subscription = lcm.Subscribe(channels.IIWA_COMMAND, self._hear)
+        self._received = False
+        self._subscription = lcm.Subscribe(channels.IIWA_COMMAND, self._receive)
 
-    def _hear(self, _: bytes) -> None:
-        self._heard = True
+    def _receive(self, _: bytes) -> None:
+        self._received = True
 
     def expect(self, time_: float) -> None:
         """Raises if nobody has, so long after the start [s]."""
-        if not self._heard and time_ > WAIT_FOR_GUARD:
+        if not self._received and time_ > WAIT_FOR_GUARD:
             raise HardwareError(
                 f"no message on {channels.IIWA_COMMAND} for {WAIT_FOR_GUARD:g} s: no guard does "
                 "what this controller asks for; start 'feasigrasp guard' on the computer of the "

@@ -6,7 +6,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.runs.metrics.robot_twin import RobotTwin
+from feasigrasp.runs.metrics.reference_robot import ReferenceRobot
 
 #: Distances of the robot to itself are told up to here [m].
 NEAR = 0.05
@@ -16,14 +16,14 @@ _ROUNDING = 1e-6
 _FORK = {IIWA_7.link_names[5], IIWA_7.link_names[7]}
 
 
-def self_collision_metrics(twin: RobotTwin, Q: Array) -> dict[str, float | None]:
+def self_collision_metrics(reference: ReferenceRobot, Q: Array) -> dict[str, float | None]:
     """``self_collision_percent`` and ``self_distance_min_mm`` of joint positions (n, 7) [rad].
 
     The distance is None where it never falls below `NEAR`; that of the forearm and the flange does
     not count as one.
     """
-    distances = twin.self_distances(Q, NEAR)
-    names = [{twin.names[a], twin.names[b]} for a, b in twin.pairs]
+    distances = reference.self_distances(Q, NEAR)
+    names = [{reference.names[a], reference.names[b]} for a, b in reference.pairs]
     told = distances[:, [pair != _FORK for pair in names]]
     nearest = float(told.min(initial=np.inf))
     return {
@@ -32,18 +32,20 @@ def self_collision_metrics(twin: RobotTwin, Q: Array) -> dict[str, float | None]
     }
 
 
-def torque_metrics(twin: RobotTwin, Q: Array, actuation: Array) -> dict[str, float | None]:
+def torque_metrics(
+    reference: ReferenceRobot, Q: Array, actuation: Array
+) -> dict[str, float | None]:
     """``torque_limit_violation_percent`` and ``torque_peak_percent``.
 
     The simulated arm is weightless, a real one is not: what its motors would bear is the simulated
     actuation and the weight of arm, hand and camera.
 
     Args:
-        twin: Knows the weight.
+        reference: Knows the weight.
         Q: Joint positions, shape (m, 7) [rad].
         actuation: Torques of the simulated motors at the same times, shape (m, 7) [Nm].
     """
-    share = np.abs(actuation + twin.gravity_torques(Q)) / IIWA_7.effort_limits
+    share = np.abs(actuation + reference.gravity_torques(Q)) / IIWA_7.effort_limits
     clamped = np.abs(actuation) / IIWA_7.effort_limits
     beyond = np.maximum(share, clamped) >= 1.0 - _ROUNDING
     return {

@@ -76,15 +76,15 @@ class Intake:
         """Drops the oldest status."""
         self._statuses.popleft()
 
-    def hand_on(self) -> None:
+    def forward(self) -> None:
         """Gives the diagram the oldest status, and the newest of everything else; once each."""
         utime, data = self._statuses.popleft()
-        self._hand_on(channels.IIWA_STATUS, utime, data)
+        self._forward(channels.IIWA_STATUS, utime, data)
         for channel, newest in self._newest.items():
-            self._hand_on(channel, self._utime[channel], newest)
+            self._forward(channel, self._utime[channel], newest)
         self._newest.clear()
 
-    def _hand_on(self, channel: str, utime: int, data: bytes) -> None:
+    def _forward(self, channel: str, utime: int, data: bytes) -> None:
         stamped = bytearray(data)
         _STAMP.pack_into(stamped, self._stamp_at[channel], utime - self.zero)
         self._inbox.Publish(channel, bytes(stamped))
@@ -100,7 +100,7 @@ class Intake:
             utime = _STAMP.unpack_from(data, at)[0] if whole else -1
             usable = utime > self._utime.get(channel, -1)
             if usable and kind is lcmt_iiwa_status:
-                usable = _tells_positions(data)
+                usable = _has_positions(data)
             if not usable:
                 self.dropped[channel] += 1
                 return
@@ -113,7 +113,7 @@ class Intake:
         return take
 
 
-def _tells_positions(data: bytes) -> bool:
+def _has_positions(data: bytes) -> bool:
     """Whether a status is whole and tells the positions of all joints."""
     try:
         measured = lcmt_iiwa_status.decode(data).joint_position_measured
@@ -179,7 +179,7 @@ class ControlLoop:
             if self._first is None:
                 self._first = utime
             if self.started:
-                self.intake.hand_on()
+                self.intake.forward()
                 self._advance(utime)
             elif utime - self._first >= 1e6 * CommandGuard.START_AFTER:
                 self._begin(utime)
@@ -192,7 +192,7 @@ class ControlLoop:
     def _begin(self, utime: int) -> None:
         """Starts the pipeline, whose time is zero from now on."""
         self.intake.zero, self.started = utime, True
-        self.intake.hand_on()
+        self.intake.forward()
         self.simulator.Initialize()
 
     def _advance(self, utime: int) -> None:

@@ -39,12 +39,12 @@ class Guard:
         self._lcm = lcm
         self._guard = CommandGuard(channels.IIWA_PERIOD, speed)
         self._utime, self._dismissed = -1, False
-        self._said, self._heard, self._rival = 0, 0, False
+        self._reported, self._received, self._rival = 0, 0, False
         self._answered_at = time.monotonic()
         self._subscriptions = [
             lcm.Subscribe(channels.IIWA_REQUEST, self._request),
             lcm.Subscribe(channels.IIWA_STATUS, self._answer),
-            lcm.Subscribe(channels.IIWA_COMMAND, self._hear),
+            lcm.Subscribe(channels.IIWA_COMMAND, self._receive),
         ]
 
     def serve(self) -> None:
@@ -72,11 +72,11 @@ class Guard:
         """Whether the arm moves, and its driver listens."""
         return self._guard.moving and time.monotonic() - self._answered_at < 1.0
 
-    def _hear(self, _: bytes) -> None:
+    def _receive(self, _: bytes) -> None:
         # It hears what it says itself, too: more than that is somebody else's. Only at rest: who
         # commands an arm that moves does not leave it.
-        self._heard += 1
-        self._rival |= self._heard > self._said and not self._guard.moving
+        self._received += 1
+        self._rival |= self._received > self._reported and not self._guard.moving
 
     def _request(self, data: bytes) -> None:
         if self._dismissed:
@@ -104,7 +104,7 @@ class Guard:
         command = lcmt_iiwa_command()
         command.utime, command.num_joints = status.utime, IIWA_7.joints
         command.joint_position = q.tolist()
-        self._said += 1
+        self._reported += 1
         self._lcm.Publish(channels.IIWA_COMMAND, command.encode())
         self._answered_at = time.monotonic()
 
@@ -115,13 +115,13 @@ def refuse_if_commanded(lcm: DrakeLcm) -> None:
     Raises:
         HardwareError: Somebody does.
     """
-    heard: list[bytes] = []
-    subscription = lcm.Subscribe(channels.IIWA_COMMAND, heard.append)
+    received: list[bytes] = []
+    subscription = lcm.Subscribe(channels.IIWA_COMMAND, received.append)
     deadline = time.monotonic() + LISTENS
-    while time.monotonic() < deadline and not heard:
+    while time.monotonic() < deadline and not received:
         lcm.HandleSubscriptions(10)
     del subscription
-    if heard:
+    if received:
         raise HardwareError(_RIVAL)
 
 
@@ -139,7 +139,7 @@ def main(url: str, begun: Callable[[], None], *, speed: float = 1.0, alone: bool
         HardwareError: Somebody commands the arm already.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _rehearse()
+    _warm_up()
     lcm = channels.open_lcm(url)
     refuse_if_commanded(lcm)
     guard = Guard(lcm, speed)
@@ -151,7 +151,7 @@ def main(url: str, begun: Callable[[], None], *, speed: float = 1.0, alone: bool
         guard.serve()
 
 
-def _rehearse() -> None:
+def _warm_up() -> None:
     """Lets all be compiled that a guard calls."""
     guard = CommandGuard(channels.IIWA_PERIOD)
     for time_ in np.arange(0.0, 2.0 * CommandGuard.START_AFTER, channels.IIWA_PERIOD):

@@ -55,7 +55,7 @@ from feasigrasp.systems.hardware.images import publish_images
 from feasigrasp.systems.hardware.object_pose import ObjectPoseSender
 from feasigrasp.systems.pipeline import Cell, add_judges
 from feasigrasp.systems.ports import weakly
-from feasigrasp.systems.station.camera import believed_in_camera
+from feasigrasp.systems.station.camera import calibration_error
 from feasigrasp.systems.station.station import Station
 
 
@@ -234,10 +234,10 @@ def _with_true_mounts(scenario: Scenario) -> Scenario:
     """The scenario with its cameras where they are, and not where they are believed to be."""
     true = copy.deepcopy(scenario)
     for name, error in make_hand_eye(scenario).items():
-        X_CB = RigidTransform(believed_in_camera(error, scenario.random_seed))
-        believed = scenario.cameras[name].X_PB
-        X_PB = Transform(RigidTransform(believed.GetDeterministicValue()) @ X_CB.inverse())
-        X_PB.base_frame = believed.base_frame
+        X_CB = RigidTransform(calibration_error(error, scenario.random_seed))
+        calibrated = scenario.cameras[name].X_PB
+        X_PB = Transform(RigidTransform(calibrated.GetDeterministicValue()) @ X_CB.inverse())
+        X_PB.base_frame = calibrated.base_frame
         true.cameras[name].X_PB = X_PB
     return true
 

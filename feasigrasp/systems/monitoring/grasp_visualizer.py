@@ -191,7 +191,9 @@ class GraspVisualizer(LeafSystem):
 def reachable_mask(grasps: GraspSet, reachable: GraspSet) -> Mask:
     """Which grasps are in a subset of them and their flips, shape (n,)."""
     subset = {X_OG.tobytes() for X_OG in reachable.X_OG}
-    found = np.array([X_OG.tobytes() in subset for X_OG in grasps.with_twins().X_OG], dtype=bool)
+    found = np.array(
+        [X_OG.tobytes() in subset for X_OG in grasps.with_symmetric().X_OG], dtype=bool
+    )
     return found[: len(grasps)] | found[len(grasps) :]
 
 

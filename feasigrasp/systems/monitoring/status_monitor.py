@@ -11,10 +11,10 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.control.planning.lookout import Sought
+from feasigrasp.models.control.planning.search_pose import SearchTarget
 from feasigrasp.models.control.status import Situation, Status, StatusCode, judge
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
-from feasigrasp.models.grasps.funnel import grasp_errors
+from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase, unmet_condition
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
@@ -40,7 +40,7 @@ LASTS = {
 #: Time between two entries of a hand that goes on following [s]: a few lines in a run of 30 s.
 AGAIN = 3.0
 #: What a tracker that says nothing of its pose is taken to mean.
-_AS_TOLD = Tracking(TrackingState.TRACKING, 0.0)
+_AS_REPORTED = Tracking(TrackingState.TRACKING, 0.0)
 #: No error, or one that nobody knows [m], [rad].
 _NONE = 0.0, 0.0
 #: Verdicts that are no reason why nothing can be reached: of what is, or has not been judged.
@@ -48,7 +48,7 @@ _FINE = (Verdict.KEPT, Verdict.REACHABLE, Verdict.BETTER)
 
 
 @dataclass(frozen=True, eq=False)
-class _Said(Frozen):
+class _Reported(Frozen):
     """What was said until now.
 
     Attributes:
@@ -70,7 +70,7 @@ class _Said(Frozen):
     X_OH: Array | None = None
     looks: tuple[Status, ...] = ()
 
-    def heard(self, time: float, code: StatusCode, detail: str, *known: Any) -> _Said:
+    def received(self, time: float, code: StatusCode, detail: str, *known: Any) -> _Reported:
         """With what is judged now, the two counts and X_OH; what passes at once is not said.
 
         Of a hand that follows it is said again every `AGAIN` seconds what keeps it from closing.
@@ -80,15 +80,15 @@ class _Said(Frozen):
             now = Status(last.time, code, detail)
             if code is StatusCode.FOLLOWING and time - last.time >= AGAIN - 1e-9:
                 now = Status(time, code, detail)
-                return _Said((*self.history, now), None, now, *known)
-            return _Said(self.history, None, now, *known)
+                return _Reported((*self.history, now), None, now, *known)
+            return _Reported(self.history, None, now, *known)
         since = self.next.time if self.next is not None and self.next.code == code else time
         now = Status(since, code, detail)
         if time - now.time >= LASTS.get(code, PERIOD) - 1e-9:
-            return _Said((*self.history, now), None, now, *known)
-        return _Said(self.history, now, self.now, *known)
+            return _Reported((*self.history, now), None, now, *known)
+        return _Reported(self.history, now, self.now, *known)
 
-    def looked(self, time: float, before: tuple[Status, ...]) -> _Said:
+    def looked(self, time: float, before: tuple[Status, ...]) -> _Reported:
         """With what goes on now added to ``before``, if it is another or has another detail."""
         now, last = self.now, before[-1] if before else None
         if now is None or (last and (now.code, now.detail) == (last.code, last.detail)):
@@ -124,9 +124,9 @@ class StatusMonitor(LeafSystem):
         - command_faults
         - scene
         - touches
-        - sought
+        - search_target
         - lapsed
-        - look_from
+        - viewpoint
         output_ports:
         - status
         - history
@@ -136,11 +136,11 @@ class StatusMonitor(LeafSystem):
     the reachability filter says of each; ``reachable`` what the controller is given; ``phase`` a
     `Phase`; ``command_faults`` the number of faulty commands until now; ``scene``, optional, a
     `SceneField` or None, says what was never seen; ``touches``, optional, how often the arm was
-    touched; ``sought``, optional, a `Sought` while the arm looks for the object; ``lapsed``,
-    optional, V1, not 0 while perception's process is gone; ``look_from``, optional, is not None
-    while the arm looks at the object from another side. ``status`` is the present `Status`,
-    ``history`` a tuple of all of them, one for every change of the code, and one every `AGAIN`
-    seconds of a hand that follows, with the condition for closing that it does not meet.
+    touched; ``search_target``, optional, a `SearchTarget` while the arm looks for the object;
+    ``lapsed``, optional, V1, not 0 while perception's process is gone; ``viewpoint``, optional, is
+    not None while the arm looks at the object from another side. ``status`` is the present
+    `Status`, ``history`` a tuple of all of them, one for every change of the code, and one every
+    `AGAIN` seconds of a hand that follows, with the condition for closing that it does not meet.
     """
 
     def __init__(
@@ -166,33 +166,33 @@ class StatusMonitor(LeafSystem):
         self._scene = declare_input(self, "scene", kind=SceneField | None)
         self._balls = arm_balls(capsule_model(gripper))
         self._touches = self.DeclareVectorInputPort("touches", 1)
-        self._sought = declare_input(self, "sought", kind=Sought | None)
+        self._search_target = declare_input(self, "search_target", kind=SearchTarget | None)
         self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
-        self._look_from = declare_input(
-            self, "look_from", kind=Annotated[Array, CONFIGURATION] | None
+        self._viewpoint = declare_input(
+            self, "viewpoint", kind=Annotated[Array, CONFIGURATION] | None
         )
-        self._said = PeriodicState(self, _Said(), period, self._look)
-        state = {self._said.ticket()}
+        self._reported = PeriodicState(self, _Reported(), period, self._look)
+        state = {self._reported.ticket()}
         declare_output(self, "status", self.status, state)
-        declare_output(self, "history", lambda context: self._said.Eval(context).history, state)
+        declare_output(self, "history", lambda context: self._reported.Eval(context).history, state)
 
     def history(self, context: Context) -> tuple[Status, ...]:
         """Every status until now, oldest first."""
-        history: tuple[Status, ...] = self._said.Eval(context).history
+        history: tuple[Status, ...] = self._reported.Eval(context).history
         return history
 
     def looks(self, context: Context) -> tuple[Status, ...]:
         """Every status until now with all its details, for a replay: up to ten a second."""
-        looks: tuple[Status, ...] = self._said.Eval(context).looks
+        looks: tuple[Status, ...] = self._reported.Eval(context).looks
         return looks
 
     def status(self, context: Context) -> Status:
         """The present status."""
-        now: Status | None = self._said.Eval(context).now
+        now: Status | None = self._reported.Eval(context).now
         return Status(0.0, StatusCode.NOTHING_SEEN) if now is None else now
 
-    def _look(self, context: Context) -> _Said:
-        said: _Said = self._said.Eval(context)
+    def _look(self, context: Context) -> _Reported:
+        reported: _Reported = self._reported.Eval(context)
         perceived = self._perceived.Eval(context)
         command_faults = int(self._faults.Eval(context)[0])
         touches = int(self._touches.Eval(context)[0]) if self._touches.HasValue(context) else 0
@@ -200,22 +200,22 @@ class StatusMonitor(LeafSystem):
         reachable: GraspSet = self._reachable.Eval(context)
         verdicts = Counter(map(str, self._verdicts.Eval(context)))
         # Those that are dropped before and after they are judged are only counted.
-        for reason in (Rejection.HITS_SCENE, Rejection.UNSEEN, Rejection.TOO_HEAVY):
+        for reason in (Rejection.HITS_SCENE, Rejection.UNOBSERVED, Rejection.TOO_HEAVY):
             verdicts[str(reason)] += reachable.rejected.get(reason, 0)
-        phase, tracking = Phase(int(self._phase.Eval(context)[0])), _AS_TOLD
+        phase, tracking = Phase(int(self._phase.Eval(context)[0])), _AS_REPORTED
         if self._tracking.HasValue(context):
             tracking = self._tracking.Eval(context)
         X_OH = self._hand(context)
         # The last look before the object was let go was at the very time.
-        held = said.X_OH if phase > Phase.CLOSE else X_OH
+        held = reported.X_OH if phase > Phase.CLOSE else X_OH
         in_hand = phase > Phase.CLOSE and not tracking.lost
         slipped, turned = _least_error(held[None], X_OH) if in_hand and held is not None else _NONE
         code, detail = judge(
             Situation(
                 phase=phase,
                 tracking=tracking,
-                sought=optional(self._sought, context) is not None,
-                looking=optional(self._look_from, context) is not None,
+                search_target=optional(self._search_target, context) is not None,
+                looking=optional(self._viewpoint, context) is not None,
                 contradicted=perceived.contradicted,
                 lapsed=self._lapsed.HasValue(context) and self._lapsed.Eval(context)[0] > 0.0,
                 seen=perceived.gpdf is not None,
@@ -224,11 +224,11 @@ class StatusMonitor(LeafSystem):
                 rejected=grasps.rejected,
                 reachable=len(reachable),
                 verdicts={k: n for k, n in verdicts.items() if k not in map(str, _FINE)},
-                command_faults=command_faults - said.command_faults,
-                touches=touches - said.touches,
+                command_faults=command_faults - reported.command_faults,
+                touches=touches - reported.touches,
                 speed=float(np.abs(self._velocity.Eval(context)).max()),
                 left=_least_error(reachable.X_OG, X_OH)[0],
-                unseen=self._unseen(context),
+                unobserved=self._unobserved(context),
                 slipped=slipped,
                 turned=turned,
                 unmet=""
@@ -243,8 +243,8 @@ class StatusMonitor(LeafSystem):
         )
         held = X_OH if held is None else held
         time = context.get_time()
-        now = said.heard(time, code, detail, command_faults, touches, held)
-        return now.looked(time, said.looks)
+        now = reported.received(time, code, detail, command_faults, touches, held)
+        return now.looked(time, reported.looks)
 
     def _hand(self, context: Context) -> Array | None:
         """Pose of the hand in the object, shape (4, 4); None while that is nowhere."""
@@ -255,7 +255,7 @@ class StatusMonitor(LeafSystem):
         X_OH: Array = inverse_kernel(X_WO) @ X_WH
         return X_OH
 
-    def _unseen(self, context: Context) -> float:
+    def _unobserved(self, context: Context) -> float:
         """Distance of the arm to space that may belong to obstacles but was never seen [m]."""
         scene = optional(self._scene, context)
         if scene is None:

@@ -38,7 +38,7 @@ class Served:
         self._stage, self._simulator = stage, Simulator(stage)
         self._context = self._simulator.get_mutable_context()
         self._begun = False
-        self._told: dict[str, Any] = {}
+        self._sent: dict[str, Any] = {}
 
     def outputs(self) -> dict[str, Any]:
         """The values of its output ports by name; vectors as arrays."""
@@ -58,11 +58,11 @@ class Served:
         self._simulator.Initialize(begin)
         self._simulator.AdvancePendingEvents()
         self._begun = True
-        if self._told and all(a is b for a, b in zip(before, self._states(), strict=True)):
+        if self._sent and all(a is b for a, b in zip(before, self._states(), strict=True)):
             return {}
         now = self.outputs()
-        new = {k: v for k, v in now.items() if k not in self._told or not _same(v, self._told[k])}
-        self._told = now
+        new = {k: v for k, v in now.items() if k not in self._sent or not _same(v, self._sent[k])}
+        self._sent = now
         return new
 
     def state(self) -> bytes:

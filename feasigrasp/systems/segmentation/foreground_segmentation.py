@@ -14,9 +14,9 @@ from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.segmentation.camera_view import CameraView
+from feasigrasp.models.segmentation.color_gate import in_color_gate
 from feasigrasp.models.segmentation.foreground import Known, segment
-from feasigrasp.models.segmentation.hue import of_hue
-from feasigrasp.models.segmentation.known_bodies import CARRIER, FREE, KnownBodies
+from feasigrasp.models.segmentation.modeled_bodies import CARRIER, FREE, ModeledBodies
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.ports import declare_input, declare_output, evaluate, to_value, weakly
 
@@ -50,7 +50,7 @@ class ForegroundSegmentation(LeafSystem):
     """
 
     def __init__(
-        self, camera: Camera, bodies: KnownBodies, carrier_hue: float | None = None
+        self, camera: Camera, bodies: ModeledBodies, carrier_hue: float | None = None
     ) -> None:
         """A segmentation of the images of a camera.
 
@@ -109,15 +109,15 @@ class ForegroundSegmentation(LeafSystem):
         view, camera = self._view(context), self._camera
         kinds = self._bodies.kinds(view.points, view.X_WC, q, opening, camera.depth_noise)
         if self._carrier_hue is not None:
-            carries = of_hue(self._color.Eval(context).data, self._carrier_hue)
-            kinds[(kinds == FREE) & carries] = CARRIER
+            on_carrier = in_color_gate(self._color.Eval(context).data, self._carrier_hue)
+            kinds[(kinds == FREE) & on_carrier] = CARRIER
         labels = segment(view, known, kinds, self._bodies.hand(q), camera)
         image = ImageLabel16I(self._camera.width, self._camera.height)
         image.mutable_data[:, :, 0] = labels
         return image
 
 
-def _compile(camera: Camera, bodies: KnownBodies) -> None:
+def _compile(camera: Camera, bodies: ModeledBodies) -> None:
     """Segments an image of a wall once, so that no kernel is compiled at the first image."""
     points = np.zeros((camera.width * camera.height, 3), dtype=np.float32)
     points[:, 0] = np.arange(len(points)) % camera.width * 1e-3

@@ -17,7 +17,7 @@ from feasigrasp.models.arrays import Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.segmentation.foreground import Label
-from feasigrasp.models.segmentation.known_bodies import ROBOT, UNSEEN, KnownBodies
+from feasigrasp.models.segmentation.modeled_bodies import ROBOT, UNOBSERVED, ModeledBodies
 from feasigrasp.systems.ports import declare_input, declare_output
 
 #: Which pixels show the object, shape (height, width): from the colours (height, width, 3) as
@@ -45,7 +45,7 @@ class MaskSegmentation(LeafSystem):
     pixel shows nothing of the robot.
     """
 
-    def __init__(self, mask: MaskFn, camera: Camera, bodies: KnownBodies) -> None:
+    def __init__(self, mask: MaskFn, camera: Camera, bodies: ModeledBodies) -> None:
         """A segmentation of the images of a camera.
 
         Args:
@@ -84,7 +84,7 @@ class MaskSegmentation(LeafSystem):
         X_WC = self._camera_pose.Eval(context).GetAsMatrix4()
         q, opening = self._position.Eval(context), float(self._gripper.Eval(context)[0])
         kinds = self._bodies.kinds(points, X_WC, q, opening, camera.depth_noise).reshape(shape)
-        seen = kinds != UNSEEN
+        seen = kinds != UNOBSERVED
         depth = np.full(shape, np.inf, dtype=np.float32)
         depth[seen] = (points[seen.ravel()] - X_WC[:3, 3]) @ X_WC[:3, 2]
         mask = checked_mask(self._mask(color, depth, context.get_time()), shape, self._mask)

@@ -13,15 +13,15 @@ from feasigrasp.models.choices import parse_word
 from feasigrasp.models.control.joint.law import JointControlOptions
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.mode import ControlSpace, controller_names
-from feasigrasp.models.control.planning.prices import Prices
+from feasigrasp.models.control.planning.cost_weights import CostWeights
 from feasigrasp.models.control.planning.static_grid import static_grid
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.control.task.pursuit import PursuitOptions
 from feasigrasp.models.control.task.safe_law import TaskControlOptions
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
-from feasigrasp.models.grasps.funnel import Funnel
-from feasigrasp.models.reach.lookahead import WAY_IN, Judge
+from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
+from feasigrasp.models.reach.predicted_reachability import WAY_IN, Judge
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.grippers import load_gripper
@@ -79,7 +79,7 @@ def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> 
     return ReachabilityFilter(
         judge,
         horizon=config.horizon,
-        twins=config.twins,
+        symmetric_grasps=config.symmetric_grasps,
         way_in=WAY_IN if scenario.control.safe else 0.0,
         period=config.period,
     )
@@ -110,16 +110,16 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
             max_speed=config.speed * JointControlOptions.max_speed,
             feed_forward=config.feed_forward,
             solutions=solutions,
-            prices=_prices(config, Prices.of_a_field(1.5 if scenario.grasp.close else 3.0)),
-            look_ahead=config.look_ahead,
+            costs=_costs(config, CostWeights.for_joint_field(1.5 if scenario.grasp.close else 3.0)),
+            prediction=config.prediction,
             safety=safety,
         )
-        way_in = joint_options.funnel._replace(min_standoff=scenario.grasp.standoff)
-        joint_options = replace(joint_options, funnel=way_in)
+        way_in = joint_options.corridor._replace(min_standoff=scenario.grasp.standoff)
+        joint_options = replace(joint_options, corridor=way_in)
         return GPJointController(reachability, joint_options, period=period)
-    prices = Prices.to_grasp_soon() if scenario.grasp.close else Prices()
-    way_in = Funnel(min_standoff=scenario.grasp.standoff)
-    choice = ChoiceOptions(_prices(config, prices), config.look_ahead, funnel=way_in)
+    costs = CostWeights.to_grasp_soon() if scenario.grasp.close else CostWeights()
+    way_in = ApproachCorridor(min_standoff=scenario.grasp.standoff)
+    choice = ChoiceOptions(_costs(config, costs), config.prediction, corridor=way_in)
     if not config.density:
         choice = replace(choice, neighbourhood=0.0)
     options = TaskControlOptions(
@@ -132,15 +132,15 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
     return RMMTaskController(reachability, options, period=period, seed=scenario.random_seed)
 
 
-def _prices(config: ControlConfig, prices: Prices) -> Prices:
+def _costs(config: ControlConfig, costs: CostWeights) -> CostWeights:
     """The prices at the arm's speed, without those that the scenario switches off."""
     return replace(
-        prices,
-        speed_share=config.speed * prices.speed_share,
-        follow_share=config.speed * prices.follow_share,
-        regrip_time=prices.regrip_time / config.speed,
-        score=prices.score if config.score else 0.0,
-        density=prices.density if config.density else 0.0,
+        costs,
+        speed_share=config.speed * costs.speed_share,
+        follow_share=config.speed * costs.follow_share,
+        regrip_time=costs.regrip_time / config.speed,
+        score=costs.score if config.score else 0.0,
+        density=costs.density if config.density else 0.0,
     )
 
 

@@ -65,8 +65,8 @@ def make_object_stage(text: str) -> Diagram:
     builder.Connect(perception.GetOutputPort("gpdf"), sampler.get_input_port())
     for given in inputs_of(perception):
         builder.ExportInput(given, given.get_name())
-    for told in (*outputs_of(perception), sampler.get_output_port()):
-        builder.ExportOutput(told, told.get_name())
+    for output in (*outputs_of(perception), sampler.get_output_port()):
+        builder.ExportOutput(output, output.get_name())
     return builder.Build()
 
 

@@ -73,12 +73,12 @@ class NoisyDepth(LeafSystem):
         output.get_mutable_value().mutable_data[:, :, 0] = noisy
 
 
-class BelievedPose(LeafSystem):
+class CalibratedPose(LeafSystem):
     """Turns the true pose of a camera into what its calibration says.
 
     .. pydrake_system::
 
-        name: BelievedPose
+        name: CalibratedPose
         input_ports:
         - true_pose
         output_ports:
@@ -144,10 +144,10 @@ def export_camera(
     builder.Connect(depth, cloud.depth_image_input_port())
     pose = sensor.body_pose_in_world_output_port()
     if hand_eye is not None:
-        error = BelievedPose(believed_in_camera(hand_eye, seed))
-        believed = builder.AddNamedSystem(f"{name}_believed_pose", error)
-        builder.Connect(pose, believed.get_input_port())
-        pose = believed.get_output_port()
+        error = CalibratedPose(calibration_error(hand_eye, seed))
+        calibrated = builder.AddNamedSystem(f"{name}_calibrated_pose", error)
+        builder.Connect(pose, calibrated.get_input_port())
+        pose = calibrated.get_output_port()
     builder.Connect(pose, cloud.camera_pose_input_port())
     builder.ExportOutput(cloud.point_cloud_output_port(), f"{name}.point_cloud")
     builder.ExportOutput(sensor.color_image_output_port(), f"{name}.color_image")
@@ -156,7 +156,7 @@ def export_camera(
     builder.ExportOutput(pose, f"{name}.pose")
 
 
-def believed_in_camera(hand_eye: HandEyeError, seed: int) -> Array:
+def calibration_error(hand_eye: HandEyeError, seed: int) -> Array:
     """Where a camera is believed to be, in its own true frame, X_CB (4, 4); drawn from a seed."""
     return hand_eye.draw(np.random.default_rng([seed, _HAND_EYE]))
 

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
-from feasigrasp.models.segmentation.known_bodies import Boxes
+from feasigrasp.models.segmentation.modeled_bodies import Boxes
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
 
 #: Half the size of a box that stands for a half space [m].

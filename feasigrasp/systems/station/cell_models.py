@@ -26,7 +26,7 @@ from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.company import Companion
+from feasigrasp.models.objects.distractor_bodies import DistractorBody
 from feasigrasp.models.quantities import CONFIGURATION, POSE, NotNegative, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -66,7 +66,7 @@ class StationConfig:
         hand_error: Where the hand truly is, in the frame of the one that is planned with, shape
             (4, 4) [m].
         pulls: What pulls at the object once it is let go.
-        company: What is seen beside the object.
+        distractor_bodies: What is seen beside the object.
     """
 
     plant: MultibodyPlantConfig
@@ -84,7 +84,7 @@ class StationConfig:
     noise_seed: Whole = 0
     hand_error: Annotated[np.ndarray, POSE] = field(default_factory=lambda: np.eye(4))
     pulls: list[ObjectPulled] = field(default_factory=list)
-    company: list[Companion] = field(default_factory=list)
+    distractor_bodies: list[DistractorBody] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Checks what it is made of.

@@ -39,11 +39,11 @@ class FingerDrive(LeafSystem):
         self.DeclareVectorOutputPort("desired_state", 2, weakly(self._calc))
 
     def _next(self, context: Context) -> float:
-        told = float(self._opening.Eval(context)[0])
+        commanded = float(self._opening.Eval(context)[0])
         before = context.get_discrete_state_vector().value()[0]
         if np.isnan(before):
-            return told
-        return before + float(np.clip(told - before, -self._way, self._way))
+            return commanded
+        return before + float(np.clip(commanded - before, -self._way, self._way))
 
     def _update(self, context: Context, state) -> EventStatus:
         state.set_value([self._next(context)])

@@ -30,7 +30,7 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem
 
-from feasigrasp.models.objects.company import Companion
+from feasigrasp.models.objects.distractor_bodies import DistractorBody
 from feasigrasp.models.objects.mesh import write_obj
 from feasigrasp.models.objects.rigid_object import RigidObject, write_mesh
 from feasigrasp.scenario.schema import ObjectConfig
@@ -40,12 +40,12 @@ from feasigrasp.systems.ports import declare_output, weakly
 _PERIOD = 0.01
 
 
-class Company(LeafSystem):
+class DistractorBodies(LeafSystem):
     """Where bodies are that are only seen, in a scene graph.
 
     .. pydrake_system::
 
-        name: Company
+        name: DistractorBodies
         input_ports:
         - hold
         output_ports:
@@ -55,7 +55,7 @@ class Company(LeafSystem):
     ``FramePoseVector`` for the scene graph.
     """
 
-    def __init__(self, bodies: Sequence[Companion], frames: Sequence[FrameId]) -> None:
+    def __init__(self, bodies: Sequence[DistractorBody], frames: Sequence[FrameId]) -> None:
         """Moves bodies, each with its frame of the scene graph."""
         super().__init__()
         self._bodies = list(zip(bodies, frames, strict=True))
@@ -81,15 +81,15 @@ class Company(LeafSystem):
         return poses
 
 
-def add_company(
+def add_distractor_bodies(
     builder: DiagramBuilder,
     scene_graph: SceneGraph,
-    bodies: Sequence[Companion],
+    bodies: Sequence[DistractorBody],
     *,
     name: str,
     directory: str | Path,
     first_label: int,
-) -> Company:
+) -> DistractorBodies:
     """Puts bodies into a scene graph, and adds the system that moves them; ``hold`` is left open.
 
     They can be seen by cameras and viewers, and are no obstacle to anything.
@@ -115,9 +115,9 @@ def add_company(
         geometry.set_perception_properties(_seen(body.color, label))
         scene_graph.RegisterGeometry(source, frame, geometry)
         frames.append(frame)
-    company = builder.AddNamedSystem(name, Company(bodies, frames))
-    builder.Connect(company.get_output_port(), scene_graph.get_source_pose_port(source))
-    return company
+    distractor_bodies = builder.AddNamedSystem(name, DistractorBodies(bodies, frames))
+    builder.Connect(distractor_bodies.get_output_port(), scene_graph.get_source_pose_port(source))
+    return distractor_bodies
 
 
 def _seen(color: Sequence[float], label: int) -> PerceptionProperties:

@@ -10,8 +10,12 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.faults.object import ObjectPulled
-from feasigrasp.models.objects.carrying import Load, motion_wrench_kernel, spring_wrench_kernel
 from feasigrasp.models.objects.motion import HarmonicMotion, ObjectMotion
+from feasigrasp.models.objects.spring_drive import (
+    DrivenBody,
+    motion_wrench_kernel,
+    spring_wrench_kernel,
+)
 from feasigrasp.systems.ports import declare_output
 
 
@@ -63,7 +67,7 @@ class ObjectServo(LeafSystem):
             raise ValueError(f"the origin of body {body.name()} must be its centre of mass")
         self._body_index = body_index
         self._motion, self._pulls = motion, pulls
-        self._load = Load(
+        self._load = DrivenBody(
             inertia.get_mass(),
             inertia.CalcRotationalInertia().CopyToFullMatrix3(),
             plant.gravity_field().gravity_vector(),

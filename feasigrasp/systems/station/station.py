@@ -19,16 +19,16 @@ from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.faults.object import ObjectPulled
-from feasigrasp.models.objects.carrying import body_pose_kernel
 from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.models.objects.spring_drive import body_pose_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.camera import export_camera
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
 from feasigrasp.systems.station.finger_drive import FingerDrive
 from feasigrasp.systems.station.object_model import (
-    add_company,
+    add_distractor_bodies,
     add_object,
     contact_friction,
     set_friction,
@@ -107,7 +107,7 @@ class Station(Diagram):
         self._export_arm(builder)
         self._export_gripper(builder)
         self._export_object(builder, motion, config.pulls)
-        self._show_company(builder, config, self.scene_graph, "company")
+        self._show_distractor_bodies(builder, config, self.scene_graph, "distractor_bodies")
         if config.cameras:
             self._export_cameras(builder, config, obj)
         builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
@@ -206,21 +206,21 @@ class Station(Diagram):
         )
         builder.ExportInput(servo.GetInputPort("hold"), "object.hold")
 
-    def _show_company(
+    def _show_distractor_bodies(
         self, builder: DiagramBuilder, config: StationConfig, scene_graph: SceneGraph, name: str
     ) -> None:
         """Shows what is only seen, which lets go of the object when it is told to."""
-        if not config.company:
+        if not config.distractor_bodies:
             return
-        company = add_company(
+        distractor_bodies = add_distractor_bodies(
             builder,
             scene_graph,
-            config.company,
+            config.distractor_bodies,
             name=name,
             directory=self._files.name,
             first_label=self.plant.num_bodies(),  # bodies of the plant have their index
         )
-        builder.ConnectInput("object.hold", company.GetInputPort("hold"))
+        builder.ConnectInput("object.hold", distractor_bodies.GetInputPort("hold"))
 
     def _export_cameras(
         self, builder: DiagramBuilder, config: StationConfig, obj: RigidObject
@@ -230,26 +230,26 @@ class Station(Diagram):
         A scene graph moves what its renderers show at every step of the plant. This one, fed from
         the state of the simulated plant, moves it only when somebody reads an image.
         """
-        self._camera_plant = twin = MultibodyPlant(config.plant.time_step)
+        self._camera_plant = camera_plant = MultibodyPlant(config.plant.time_step)
         scene_graph = builder.AddNamedSystem("camera_scene_graph", SceneGraph())
-        twin.RegisterAsSourceForSceneGraph(scene_graph)
-        self._add_models(twin, config, obj)
-        twin.Finalize()
+        camera_plant.RegisterAsSourceForSceneGraph(scene_graph)
+        self._add_models(camera_plant, config, obj)
+        camera_plant.Finalize()
         poses = builder.AddNamedSystem(
-            "camera_geometry_poses", MultibodyPositionToGeometryPose(twin, True)
+            "camera_geometry_poses", MultibodyPositionToGeometryPose(camera_plant, True)
         )
         builder.Connect(self.plant.get_state_output_port(), poses.get_input_port())
         builder.Connect(
-            poses.get_output_port(), scene_graph.get_source_pose_port(twin.get_source_id())
+            poses.get_output_port(), scene_graph.get_source_pose_port(camera_plant.get_source_id())
         )
-        self._show_company(builder, config, scene_graph, "camera_company")
+        self._show_distractor_bodies(builder, config, scene_graph, "camera_distractor_bodies")
         for index, (name, camera) in enumerate(config.cameras.items()):
             camera = copy.deepcopy(camera)  # the caller's stays as it is
             camera.name = name
             export_camera(
                 builder,
                 camera,
-                twin,
+                camera_plant,
                 scene_graph,
                 noise=config.camera_noise.get(name),
                 hand_eye=config.hand_eye.get(name),

@@ -91,10 +91,10 @@ class FieldTracker(LeafSystem):
         self._image_time = self.DeclareVectorInputPort("image_time", 1)
         self._perceived = declare_input(self, "perceived", kind=Perceived | None)
         self._phase = self.DeclareVectorInputPort("phase", 1)
-        self._told = declare_input(self, "track", kind=FieldTrack | None)
+        self._given = declare_input(self, "track", kind=FieldTrack | None)
         self._second = None if second is None else _SecondCamera(self, second)
         self._track = PeriodicState(self, FieldTrack(), self._config.image_period, self._looked)
-        state = {self._track.ticket(), self._told.ticket()}
+        state = {self._track.ticket(), self._given.ticket()}
         now = {*state, self.time_ticket()}
         declare_output(self, "object_pose", self._calc_pose, now, model=RigidTransform())
         declare_output(
@@ -127,13 +127,13 @@ class FieldTracker(LeafSystem):
 
     def _known(self, context: Context) -> FieldTrack:
         """What this tracker knows, or the one that tells it."""
-        source = self._told if self._told.HasValue(context) else self._track
+        source = self._given if self._given.HasValue(context) else self._track
         found: FieldTrack = source.Eval(context)
         return found
 
     def _looked(self, context: Context) -> FieldTrack:
-        told = self._told.HasValue(context)
-        return self._known(context) if told else self._look(context)
+        given = self._given.HasValue(context)
+        return self._known(context) if given else self._look(context)
 
     def _look(self, context: Context) -> FieldTrack:
         perceived: Any = self._perceived.Eval(context)

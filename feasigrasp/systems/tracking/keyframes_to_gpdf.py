@@ -29,7 +29,7 @@ class KeyframesToGPDF(LeafSystem):
         output_ports:
         - gpdf
         - perceived
-        - seen_at
+        - view_time
         - view_faults
 
     The tracker says which views are worth merging, and has registered them to the field already:

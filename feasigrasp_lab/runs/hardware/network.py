@@ -75,10 +75,10 @@ class Relay:
                 return
             if channel.startswith(_IMAGES) and self._fault is Network.DEPTH_NAN:
                 data = _nan_depth(data)
-            struck = self._rng.random() < SHARE
-            if self._fault is Network.LATE or (struck and self._fault is Network.DISORDERED):
+            faulted = self._rng.random() < SHARE
+            if self._fault is Network.LATE or (faulted and self._fault is Network.DISORDERED):
                 copies = [now + LATE * self._rng.random()]
-            if struck and self._fault is Network.DOUBLED:
+            if faulted and self._fault is Network.DOUBLED:
                 copies = [now, now + LATE * self._rng.random()]
         for due in copies:
             heapq.heappush(self._queue, (due, next(self._numbers), to, channel, data))

@@ -32,7 +32,7 @@ PATIENCE = 900.0
 LAST_WORDS = 60.0
 
 
-class Blow(StrEnum):
+class ProcessFault(StrEnum):
     """Who is struck, and how: the controller, or a process that perceives or plans for it."""
 
     KILL = "kill"
@@ -43,12 +43,16 @@ class Blow(StrEnum):
     @property
     def at_worker(self) -> bool:
         """Whether the controller itself goes on."""
-        return self in (Blow.KILL_WORKER, Blow.STOP_WORKER)
+        return self in (ProcessFault.KILL_WORKER, ProcessFault.STOP_WORKER)
 
     @property
     def signal(self) -> signal.Signals:
         """What is sent."""
-        return signal.SIGKILL if self in (Blow.KILL, Blow.KILL_WORKER) else signal.SIGSTOP
+        return (
+            signal.SIGKILL
+            if self in (ProcessFault.KILL, ProcessFault.KILL_WORKER)
+            else signal.SIGSTOP
+        )
 
 
 def run_pair(
@@ -63,7 +67,7 @@ def run_pair(
         name: A name that no other pair has at the same time; its seed is made of it.
         scenario_yaml: What to run.
         rate: Of the simulation, at most.
-        fault: A `Blow` or a `Network`; empty for none.
+        fault: A `ProcessFault` or a `Network`; empty for none.
         at: When it begins, after the controller's first request [simulated s].
 
     Raises:
@@ -94,7 +98,7 @@ def run_pair(
                 sim = _start("sim", *both, *rated, "--lcm-url", cell, output=words)
                 running.callback(_end, sim)
                 _watch(sim, controller, cell, relay, fault, at, number)
-                if fault not in list(Blow) or Blow(fault).at_worker:
+                if fault not in list(ProcessFault) or ProcessFault(fault).at_worker:
                     _wait_for(controller)
             if not results.exists():
                 words.seek(0)
@@ -138,26 +142,26 @@ def _watch(
         lcm.Subscribe(channels.IIWA_STATUS, times.status),
         lcm.Subscribe(channels.IIWA_REQUEST, times.request),
     ]
-    struck, deadline = False, time.monotonic() + PATIENCE
+    faulted, deadline = False, time.monotonic() + PATIENCE
     while sim.poll() is None and time.monotonic() < deadline:
         lcm.HandleSubscriptions(20)
-        if not struck and fault and times.now >= times.first + at:
-            struck = True
+        if not faulted and fault and times.now >= times.first + at:
+            faulted = True
             if relay is not None:
                 relay.begin()
             else:
-                _strike(controller, Blow(fault), number)
+                _strike(controller, ProcessFault(fault), number)
         if controller.poll() not in (None, 0) and times.first == math.inf:
             return  # it has never begun: the simulation would wait for ever
     del subscriptions
 
 
-def _strike(controller: subprocess.Popen[bytes], blow: Blow, number: int) -> None:
+def _strike(controller: subprocess.Popen[bytes], process_fault: ProcessFault, number: int) -> None:
     if controller.poll() is not None:
         return
     with suppress(ProcessLookupError, psutil.NoSuchProcess):
-        pids = workers_of(controller.pid) if blow.at_worker else [controller.pid]
-        os.kill(pids[number % len(pids)], blow.signal)
+        pids = workers_of(controller.pid) if process_fault.at_worker else [controller.pid]
+        os.kill(pids[number % len(pids)], process_fault.signal)
 
 
 def workers_of(pid: int) -> list[int]:

@@ -30,7 +30,7 @@ from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.protocols.speed import AT_SPEEDS, MOTIONS, curve_point
 
 
-def followable(
+def is_trackable(
     X_WF: Array, dt: float, shares: tuple[float, float] = (1.0, 1.0), arm_angles: int = 16
 ) -> Mask:
     """Whether some configuration follows moving flange poses inside the arm's limits.
@@ -96,7 +96,7 @@ def main(args: argparse.Namespace) -> int:
         X_WO = _windows(scenario, dt, args.moments)
         X_WF = X_WO[:, None] @ X_OF[:, None]  # moments x hands x instants
         for end, shares in _SHARES.items():
-            found = followable(X_WF, dt, shares)
+            found = is_trackable(X_WF, dt, shares)
             share = mean(found.mean(axis=0), 0.0, 1.0)  # with an interval over hands
             rows.append(Row.of("followable.percent", f"{preset}{end}", share, "%", 100.0))
     report_rows(args, "evaluate followable", rows, time=args.time)

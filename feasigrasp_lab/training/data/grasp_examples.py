@@ -97,12 +97,12 @@ def true_input(truth: TrueGrasps, rng: np.random.Generator) -> GraspInput:
     several = (opening - back > length) & (np.einsum("ij,ij->i", outer, normals) < 0.0)
     length, far = np.where(several, opening - back, length), np.where(several[:, None], outer, far)
     hit = (length > _MIN_CHORD) & (length <= MAX_CHORD)
-    sure = float(predicted_deviation(0.0))
+    confidence = float(predicted_deviation(0.0))
     scalars = np.zeros((POINTS, len(SCALARS)))
-    scalars[:, 0] = sure
+    scalars[:, 0] = confidence
     scalars[hit, 1] = length[hit]
     scalars[hit, 2] = np.einsum("ij,ij->i", normals[hit], far[hit])
-    scalars[hit, 3] = sure
+    scalars[hit, 3] = confidence
     return GraspInput(points, normals, scalars)  # type: ignore[arg-type]
 
 

@@ -91,14 +91,14 @@ class ViewedObject:
         used = of_body & seen & ~edge_pixels(in_camera, seen, of_body, EDGE_JUMP)
         rows, columns = np.nonzero(used)
         points_C = in_camera[:, used].T
-        believed = X_OC
+        calibrated = X_OC
         if rng is not None and any(tracking):
             noise = rng.normal(size=6) * np.repeat([tracking[1], tracking[0]], 3)
-            believed = se3.exp(noise) @ X_OC
-        points = points_C @ believed[:3, :3].T + believed[:3, 3]
+            calibrated = se3.exp(noise) @ X_OC
+        points = points_C @ calibrated[:3, :3].T + calibrated[:3, 3]
         measured = np.zeros((HEIGHT, WIDTH), dtype=bool)
         measured[rows + top, columns + left] = True
-        return PartialView(points, believed[:3, 3].copy(), X_OC, measured)
+        return PartialView(points, calibrated[:3, 3].copy(), X_OC, measured)
 
     def sees(self, points: Array, normals: Array, view: PartialView) -> tuple[Mask, Mask]:
         """What a camera has seen of surface points (n, 3) with outward normals (n, 3).

@@ -77,7 +77,9 @@ def _arriving(field, X_OH):
 def test_where_the_energy_ends_is_a_grasp_across_the_middle_of_a_ball(energy):
     found = _arriving(_cold(energy), AT_BALL)
     assert len(found.arrival) == 1 and found.grasp
-    assert found.arrival.carries.tolist() == [1.0]  # else those of others would be lost beside it
+    assert found.arrival.payload_score.tolist() == [
+        1.0
+    ]  # else those of others would be lost beside it
     X_OG, width = found.arrival.X_OG[0], found.arrival.width[0]
     # Centred on the closing line: its middle is as far from the ball's as the line is.
     assert abs(X_OG[:3, 3] @ X_OG[:3, 0]) < 1e-3

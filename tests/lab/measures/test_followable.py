@@ -7,7 +7,7 @@ from feasigrasp.models.ik.closed_form import closed_form
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp_lab.peers.drake_arm import DrakeArm
-from feasigrasp_lab.studies.arm.followable import followable
+from feasigrasp_lab.studies.arm.followable import is_trackable
 
 DT = 0.02
 T = DT * np.arange(-5, 6)
@@ -26,10 +26,10 @@ def turned(q1):
 
 @pytest.mark.parametrize("share, kept", [(0.98, True), (1.02, False)])
 def test_a_joint_at_its_limits(share, kept):
-    assert followable(turned(share * SPEED * T), DT) == kept
-    assert followable(turned(0.5 * share * ACCELERATION * T**2), DT) == kept
-    assert followable(turned(0.5 * share * SPEED * T), DT, (0.5, 1.0)) == kept
-    assert followable(turned(0.1 * share * ACCELERATION * T**2), DT, (1.0, 0.2)) == kept
+    assert is_trackable(turned(share * SPEED * T), DT) == kept
+    assert is_trackable(turned(0.5 * share * ACCELERATION * T**2), DT) == kept
+    assert is_trackable(turned(0.5 * share * SPEED * T), DT, (0.5, 1.0)) == kept
+    assert is_trackable(turned(0.1 * share * ACCELERATION * T**2), DT, (1.0, 0.2)) == kept
 
 
 def test_a_hand_at_rest_needs_a_configuration_inside_the_limits():
@@ -44,16 +44,16 @@ def test_a_hand_at_rest_needs_a_configuration_inside_the_limits():
         for pose in X
     ]
     assert 10 < sum(expected) < 50
-    np.testing.assert_array_equal(followable(np.stack([X] * 3, axis=1), DT), expected)
+    np.testing.assert_array_equal(is_trackable(np.stack([X] * 3, axis=1), DT), expected)
 
 
 def test_the_same_way_in_less_time():
     X = turned(0.5 * SPEED * T)
-    assert followable(X, DT)
-    assert not followable(X, DT / 3.0)
+    assert is_trackable(X, DT)
+    assert not is_trackable(X, DT / 3.0)
 
 
 def test_batches_and_what_is_out_of_reach():
     X = np.array([[turned(0.1 * T), turned(2.0 * SPEED * T)]] * 3)
     X[2, :, :, 0, 3] += 1.0
-    np.testing.assert_array_equal(followable(X, DT), [[1, 0], [1, 0], [0, 0]])
+    np.testing.assert_array_equal(is_trackable(X, DT), [[1, 0], [1, 0], [0, 0]])

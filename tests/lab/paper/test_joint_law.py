@@ -10,7 +10,7 @@ from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.planning.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.reach.lookahead import judge_grasps
+from feasigrasp.models.reach.predicted_reachability import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.paper.joint_law import PaperJointControl, PaperJointOptions

@@ -49,7 +49,7 @@ def test_paper_is_the_papers():
     assert (perception.preset, perception.sampler) == ("paper", "paper")
     assert (perception.views, perception.latency) == (1, 0.0)
     assert (reachability.method, reachability.options) == ("rmm", {"space": "paper"})
-    assert (reachability.twins, reachability.horizon) == (False, 0.0)
+    assert (reachability.symmetric_grasps, reachability.horizon) == (False, 0.0)
 
 
 def test_a_key_that_is_given_wins():
@@ -118,8 +118,8 @@ def test_keys_of_older_releases_are_found_where_mappings_are_merged(tmp_path):
             "control.density is False, but only safe mode plans",
         ),
         (
-            "{control: {mode: paper, look_ahead: none}}",
-            "control.look_ahead is none, but only safe mode plans",
+            "{control: {mode: paper, prediction: none}}",
+            "control.prediction is none, but only safe mode plans",
         ),
         (
             "{grasp: {standoff: 0.1, close: false}, control: {mode: corrected}}",

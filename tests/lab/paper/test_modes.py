@@ -157,7 +157,8 @@ def test_the_density_of_reachable_poses_decides(space):
     """Whatever the controller is given is likely enough, and does not count its flip."""
     text = "{motion: {amplitude: [0, 0, 0], spin: 0}, control: {controller: joint, source: flow},"
     run = Run(
-        f"{text} reachability: {{method: rmm, options: {{space: {space}}}, twins: false}},"
+        f"{text} reachability: "
+        f"{{method: rmm, options: {{space: {space}}}, symmetric_grasps: false}},"
         " perception: {sampler: antipodal}, grasp: {close: false}}",
         1.0,
         "ReachLinearMocap",

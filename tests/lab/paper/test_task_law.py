@@ -10,7 +10,7 @@ from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp
 from feasigrasp.models.control.task.safe_law import TaskControlOptions, hand_twist_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
-from feasigrasp.models.reach.lookahead import judge_grasps
+from feasigrasp.models.reach.predicted_reachability import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp_lab.paper.ascent import ascent_direction

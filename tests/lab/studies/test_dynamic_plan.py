@@ -16,8 +16,8 @@ from feasigrasp_lab.runs.plan import plan
 from feasigrasp_lab.runs.studies import STUDIES
 from feasigrasp_lab.studies import dynamic
 from feasigrasp_lab.training import fit_certainty
+from feasigrasp_lab.training.data.held_out_objects import FIRST_SEED, FIRST_TEST_SEED
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT, make_shape
-from feasigrasp_lab.training.data.unseen_objects import FIRST_SEED, FIRST_TEST_SEED
 
 
 def planned(*arguments):
@@ -78,8 +78,8 @@ CHANGED = {
     "-full": set(),
     "-no-density": {"control.density"},
     "-no-score": {"control.score"},
-    "-no-look-ahead": {"control.look_ahead", "reachability.horizon"},
-    "-no-prediction": {"control.look_ahead"},
+    "-no-look-ahead": {"control.prediction", "reachability.horizon"},
+    "-no-prediction": {"control.prediction"},
     "-no-feed-forward": {"control.feed_forward"},
     "-no-hidden-side": {"perception.hidden_side"},
     "-one-view": {"perception.views"},

@@ -15,12 +15,12 @@ from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
 from feasigrasp.runs.hardware import cell as cell_module
-from feasigrasp.runs.hardware.cell import HeardCommands
+from feasigrasp.runs.hardware.cell import ReceivedCommands
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
 from feasigrasp_lab.runs.hardware import network, pair
 from feasigrasp_lab.runs.hardware.network import Network, Relay, RelayProcess
-from feasigrasp_lab.runs.hardware.pair import Blow, workers_of
+from feasigrasp_lab.runs.hardware.pair import ProcessFault, workers_of
 from feasigrasp_lab.studies import hardware_loop
 from feasigrasp_lab.studies.hardware_loop import outcome, outcome_rows, planned_pairs
 
@@ -52,17 +52,17 @@ def test_every_run_is_planned_once_and_faults_in_turn():
 
 def one(fault="", **changes):
     keys = dict.fromkeys(hardware_loop.LIMITS, 0.0)
-    said = {"request_gap_ms_max": 10.0, "request_gap_ms_p99": 6.0, "real_time_factor": 1.0}
-    said["image_to_grasps_ms"] = 120.0
+    report = {"request_gap_ms_max": 10.0, "request_gap_ms_p99": 6.0, "real_time_factor": 1.0}
+    report["image_to_grasps_ms"] = 120.0
     plain = {"fault": fault, "held": True, "broken": False, "crashed": False, "rest_s": 0.1}
-    return keys | said | plain | changes
+    return keys | report | plain | changes
 
 
 def test_rows_count_what_was_broken_and_how_long_it_takes_to_rest():
     runs = [one(), one(held=False, request_gap_ms_max=30.0, image_to_grasps_ms=None)]
-    blows = [one("kill", rest_s=0.2), one("stop", rest_s=None, broken=True)]
+    process_faults = [one("kill", rest_s=0.2), one("stop", rest_s=None, broken=True)]
     workers = [one("kill_worker", rest_s=None), one("kill_worker", rest_s=3.0, held=False)]
-    rows = {(r.name, r.preset): r.value for r in outcome_rows([*runs, *blows, *workers])}
+    rows = {(r.name, r.preset): r.value for r in outcome_rows([*runs, *process_faults, *workers])}
     assert rows["hardware.held_percent", "kill_worker"] == 50.0
     assert rows["hardware.limits_broken", "kill_worker"] == 0
     assert rows["hardware.held_percent", "processes"] == 50.0
@@ -87,7 +87,7 @@ def test_rows_count_what_was_broken_and_how_long_it_takes_to_rest():
 def test_what_counts_as_broken(monkeypatch, fault, change, broken):
     record = {
         "metrics": dict.fromkeys(hardware_loop.LIMITS, 0.0) | {"grasp_held": None},
-        "hardware": dict.fromkeys(hardware_loop._HEARD, 0.0),
+        "hardware": dict.fromkeys(hardware_loop._RECEIVED, 0.0),
         "timings": {"real_time_factor": 0.5},
         "error": None,
     }
@@ -106,7 +106,7 @@ def command(utime, q):
 
 def test_what_was_heard_is_what_was_sent():
     lcm, now = DrakeLcm("memq://"), Namespace(time=0.0)
-    heard = HeardCommands(lcm, lambda: now.time)
+    received = ReceivedCommands(lcm, lambda: now.time)
     Q = np.arange(28.0).reshape(4, 7)
     for k, comes, q in zip((0, 1, 3, 4), (0, 1, 3, 5), Q, strict=True):
         now.time, utime = 1.0 + 0.005 * comes, 1000000 + 5000 * k
@@ -115,10 +115,10 @@ def test_what_was_heard_is_what_was_sent():
         lcm.HandleSubscriptions(0)
     lcm.Publish(channels.IIWA_COMMAND, command(1030000, [np.nan] * 7))
     lcm.HandleSubscriptions(0)
-    assert heard.first == 1.0
-    assert heard.missing == heard.late == heard.unusable == 1
-    np.testing.assert_array_equal(heard.positions(np.zeros(7)), np.vstack([np.zeros(7), Q]))
-    np.testing.assert_allclose(heard.gaps(), [0.005, 0.010, 0.010])
+    assert received.first == 1.0
+    assert received.missing == received.late == received.unusable == 1
+    np.testing.assert_array_equal(received.positions(np.zeros(7)), np.vstack([np.zeros(7), Q]))
+    np.testing.assert_allclose(received.gaps(), [0.005, 0.010, 0.010])
 
 
 @pytest.fixture
@@ -183,7 +183,7 @@ def test_those_who_work_for_a_controller_are_found_and_struck():
     try:
         pids = [int(word) for word in controller.stdout.readline().split()]
         assert workers_of(controller.pid) == pids
-        pair._strike(controller, Blow.KILL_WORKER, 3)
+        pair._strike(controller, ProcessFault.KILL_WORKER, 3)
         deadline = time.monotonic() + 20.0
         while psutil.Process(pids[1]).status() != psutil.STATUS_ZOMBIE:
             assert time.monotonic() < deadline
@@ -258,14 +258,14 @@ def test_a_guard_alone_is_no_controller():
     """One that serves holds the arm; the scenario's time does not count before it is asked."""
     lcm, scenario = DrakeLcm("memq://"), Scenario(simulation_duration=3.0)
     now = SimpleNamespace(time=0.0, get_time=lambda: now.time)
-    heard = HeardCommands(lcm, now.get_time)
+    received = ReceivedCommands(lcm, now.get_time)
     handover = SimpleNamespace(
         GetOutputPort=lambda name: SimpleNamespace(Eval=lambda context: [0]),
         GetMyContextFromRoot=lambda context: context,
     )
     diagram = SimpleNamespace(GetSubsystemByName=lambda name: handover)
     ends = []
-    monitor = cell_module._Monitor(diagram, scenario, heard, lambda: False, None, rate=1e6)
+    monitor = cell_module._Monitor(diagram, scenario, received, lambda: False, None, rate=1e6)
     monitor._end = lambda error: ends.append((now.time, error))
     for k in range(1, 2000):
         now.time = 0.005 * k

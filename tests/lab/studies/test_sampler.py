@@ -12,8 +12,8 @@ from feasigrasp.runs.results.statistics import average_precision, resampled
 from feasigrasp_lab.measures.grasps import set_measures
 from feasigrasp_lab.studies.sampler import make_samplers, summary_rows, write_records
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.held_out_objects import FIRST_SEED, held_out_objects, make_object
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT
-from feasigrasp_lab.training.data.unseen_objects import FIRST_SEED, make_object, unseen_objects
 
 
 def test_average_precision_by_hand():
@@ -127,10 +127,10 @@ def test_raw_files_have_a_line_per_record(records, tmp_path):
 
 
 def test_generated_objects_are_of_families_held_out():
-    found = unseen_objects("held-out", 6, 0)
+    found = held_out_objects("held-out", 6, 0)
     assert len(found) == 6
     families = {what.split("/")[1] for what in found.values()}
     assert families == set(HELD_OUT)
     assert all(int(what.split("/")[2]) >= FIRST_SEED for what in found.values())
     assert make_object(next(iter(found.values()))).extents.max() < 0.3
-    assert unseen_objects("held-out", 6, 1).keys().isdisjoint(found)
+    assert held_out_objects("held-out", 6, 1).keys().isdisjoint(found)

@@ -7,8 +7,8 @@ import pytest
 
 from feasigrasp.cli import main
 from feasigrasp.errors import GraspError
-from feasigrasp.models.grasps.certainty import probability
-from feasigrasp_lab.training.data.unseen_objects import unseen_objects
+from feasigrasp.models.grasps.success_probability import probability
+from feasigrasp_lab.training.data.held_out_objects import held_out_objects
 from feasigrasp_lab.training.fit_certainty import FIRST_SEED, NAMES, fit, shape_names, stages
 
 
@@ -26,7 +26,7 @@ def test_coefficients_that_made_the_verdicts_are_found():
 def test_no_evaluation_uses_its_shapes():
     ours = {f"{family}_{number}" for family, number in shape_names(200, 3)}
     assert len(ours) == 200
-    assert not ours & set(unseen_objects("held-out", 1000, 0))
+    assert not ours & set(held_out_objects("held-out", 1000, 0))
     assert min(number for _, number in shape_names(200, 0)) == FIRST_SEED
 
 

@@ -238,7 +238,7 @@ def test_errors_are_measured():
     np.testing.assert_allclose(found["width_mm"], 4.0)
     np.testing.assert_allclose(found["closing_deg"], 90.0)
     assert not found["approach_valid"].any()
-    assert not found["sure"].any()
+    assert not found["reliable"].any()
     _, parts = loss("default", wrong, labels)
     assert parts["width"] == pytest.approx(4.0, abs=1e-6)
     assert parts["contact"] == pytest.approx(9.0, abs=1e-3)

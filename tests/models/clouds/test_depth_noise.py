@@ -253,10 +253,10 @@ def test_correlated_noise_is_as_large_and_resembles_its_neighbours():
 def test_motion_blur_widens_the_edges(blur):
     """Pixels lost or flying reach so much farther from the square's rim, and no farther."""
     depth = step_image()
-    sure = DepthNoise(
+    reliable = DepthNoise(
         subpixel=0.0, disparity_step=0.0, depth_step=0.0, flying=0.0, edge_missing=1.0
     )
-    lost = {b: np.isinf(noise_of(sure, b).apply(depth, INTRINSICS, rng())) for b in (0.0, blur)}
+    lost = {b: np.isinf(noise_of(reliable, b).apply(depth, INTRINSICS, rng())) for b in (0.0, blur)}
     inside = np.s_[80:160, 100:200]
     widths = {b: np.flatnonzero(~lost[b][inside][40])[0] for b in lost}
     assert widths == {0.0: 1, blur: 1 + blur}

@@ -126,25 +126,25 @@ def test_what_may_be_the_object_is_not_free(parts, of):
     rays = {"unmeasured": np.zeros((0, 3)), "hidden": np.zeros((0, 3))} | {of: between - CAMERA}
     plain, outlined = (view_image(measured, CAMERA, outline) for outline in (None, Outline(**rays)))
     assert free_distance((plain,), between).max() > 0.003
-    assert free_distance((outlined.sure,), between).max() <= 0.0
+    assert free_distance((outlined.reliable,), between).max() <= 0.0
     # For the shape a guess is good enough: most that was not measured is at edges.
     np.testing.assert_array_equal(*(free_distance((i,), between) for i in (plain, outlined)))
     angle = np.linspace(-0.7, 0.7, 100)  # far from the band
     beside = 0.07 * np.stack([np.cos(angle), np.sin(angle), np.zeros(100)], axis=1)
-    known = free_distance((outlined.sure,), beside)
-    assert outlined.sure.whole and known.min() > 0.005
+    known = free_distance((outlined.reliable,), beside)
+    assert outlined.reliable.whole and known.min() > 0.005
     np.testing.assert_allclose(known, free_distance((plain,), beside), atol=1e-12)
 
 
 def test_rim_points_have_the_depth_of_the_silhouette_beside_what_is_unclear(parts):
     measured, between, _ = parts
-    points = rim_points(view_image(measured, CAMERA, Outline(between - CAMERA, [])).sure, 60)
+    points = rim_points(view_image(measured, CAMERA, Outline(between - CAMERA, [])).reliable, 60)
     assert np.abs(points[:, 2]).max() < 0.12  # not in the camera, where nothing was measured
 
 
 def test_a_silhouette_most_of_which_has_no_depth_is_not_whole(parts):
     _, _, end = parts
     image = view_image(end, CAMERA, Outline(ball_view() - CAMERA, []))
-    assert image.whole and not image.sure.whole
-    assert view_image(end, CAMERA, Outline(end - CAMERA, [])).sure.whole
-    assert not view_image(end, CAMERA, Outline([], [], whole=False)).sure.whole
+    assert image.whole and not image.reliable.whole
+    assert view_image(end, CAMERA, Outline(end - CAMERA, [])).reliable.whole
+    assert not view_image(end, CAMERA, Outline([], [], whole=False)).reliable.whole

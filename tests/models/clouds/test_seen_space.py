@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.clouds.depth_view import DepthView
-from feasigrasp.models.clouds.seen_space import BEHIND, BESIDE, SeenSpace
+from feasigrasp.models.clouds.observed_space import BEHIND, BESIDE, ObservedSpace
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 110.0
 LOW, SIZE = np.array([-0.8, -0.8, -0.2]), np.array([1.6, 1.6, 1.4])
@@ -61,7 +61,7 @@ def looked(space, X_WC, *boxes):
 
 LEVEL = camera([0.0, -0.5, 0.3], [0.0, FRONT, 0.05])  # does not see the upper edge
 ABOVE = camera([0.0, -0.4, 1.0], [0.0, FRONT, 0.6])
-NOTHING = SeenSpace.unknown(LOW, SIZE)
+NOTHING = ObservedSpace.unknown(LOW, SIZE)
 
 
 def is_free(space, x):

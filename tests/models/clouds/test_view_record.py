@@ -34,19 +34,19 @@ def at(angle_deg, distance=0.5):
 )
 def test_two_views_of_a_side_suffice_for_a_while(camera, time, worth):
     record = seen_from(at(0.0), at(0.0))
-    assert record.tells_more(camera, time, 2, 5.0) is worth
+    assert record.adds_information(camera, time, 2, 5.0) is worth
 
 
 def test_fewer_views_do_not_suffice():
-    assert ViewRecord().tells_more(at(0.0), 0.0, 1, 5.0)
-    assert seen_from(at(0.0)).tells_more(at(0.0), 0.5, 2, 5.0)
-    assert not seen_from(at(0.0)).tells_more(at(0.0), 0.5, 1, 5.0)
+    assert ViewRecord().adds_information(at(0.0), 0.0, 1, 5.0)
+    assert seen_from(at(0.0)).adds_information(at(0.0), 0.5, 2, 5.0)
+    assert not seen_from(at(0.0)).adds_information(at(0.0), 0.5, 1, 5.0)
 
 
 def test_views_of_other_sides_do_not_count():
     record = seen_from(at(0.0), at(40.0), at(80.0))
-    assert record.tells_more(at(40.0), 3.0, 2, 9.0)
-    assert not record.extended(at(42.0), 3.0).tells_more(at(41.0), 3.5, 2, 9.0)
+    assert record.adds_information(at(40.0), 3.0, 2, 9.0)
+    assert not record.extended(at(42.0), 3.0).adds_information(at(41.0), 3.5, 2, 9.0)
 
 
 def test_how_far_a_camera_is_from_all_views():

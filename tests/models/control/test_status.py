@@ -36,7 +36,11 @@ CASES = [
     ({"lapsed": True, "seen": False}, StatusCode.PERCEPTION_LAPSED, "process"),
     ({"tracking": LOST, "reachable": 0}, StatusCode.POSE_LOST, "2.0 s"),
     ({"tracking": NEVER, "reachable": 0}, StatusCode.POSE_LOST, "ever"),
-    ({"tracking": LOST, "sought": True, "reachable": 0}, StatusCode.LOOKING_FOR_OBJECT, "2.0 s"),
+    (
+        {"tracking": LOST, "search_target": True, "reachable": 0},
+        StatusCode.LOOKING_FOR_OBJECT,
+        "2.0 s",
+    ),
     ({"tracking": replace(LOST, jumping=True)}, StatusCode.POSE_JUMPED, "somewhere else"),
     ({"phase": Phase.LIFT, "turned": 0.3}, StatusCode.SLIPPING, "turned 17 deg in the hand"),
     ({"phase": Phase.HOLD, "slipped": 0.012}, StatusCode.SLIPPING, "moved 12 mm"),

@@ -4,14 +4,6 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.grasps.certainty import (
-    CLEARANCE,
-    CONTACT,
-    FAR,
-    clearance_evidence,
-    contact_evidence,
-    probability,
-)
 from feasigrasp.models.grasps.filter import (
     _holding,
     contact_cosine,
@@ -20,6 +12,14 @@ from feasigrasp.models.grasps.filter import (
 )
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.hand_clearance import hand_clearance
+from feasigrasp.models.grasps.success_probability import (
+    CLEARANCE,
+    CONTACT,
+    FAR,
+    clearance_evidence,
+    contact_evidence,
+    probability,
+)
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
@@ -135,8 +135,8 @@ def test_what_was_not_seen_is_given_more_room(sphere_cloud):
     grasps = GraspSet(
         np.stack([grasp(z=(0, 0, -1)), grasp((0, 1, 0), at=(0, 0, -0.02))]), [0.06, 0.045], [1, 1]
     )
-    sure, unsure = probability(CONTACT, *contact_evidence(half, grasps))
-    assert sure > unsure
+    reliable, unsure = probability(CONTACT, *contact_evidence(half, grasps))
+    assert reliable > unsure
 
 
 def test_certainty_falls_with_angle_and_with_less_room():

@@ -94,7 +94,7 @@ def test_ids_go_with_their_grasps(grasps):
     assert (grasps.id == UNKNOWN).all() and grasps.id.dtype == np.int64
     named = dataclasses.replace(grasps, id=np.arange(10, 15))
     np.testing.assert_array_equal(named.select(np.array([3, 1])).id, [13, 11])
-    np.testing.assert_array_equal(named.with_twins().id, np.tile(np.arange(10, 15), 2))
+    np.testing.assert_array_equal(named.with_symmetric().id, np.tile(np.arange(10, 15), 2))
     np.testing.assert_array_equal(named.counted({"more": 2}).id, named.id)
     with pytest.raises(ValueError, match="read-only"):
         named.id[0] = 0
@@ -112,11 +112,11 @@ def test_nothing_left(grasps):
     assert none.rejected == {"narrow": 3, "all": 5}
     assert len(GraspSet.empty()) == 0
     assert GraspSet.empty({"all": 2}).rejected == {"all": 2}
-    assert len(GraspSet.empty().with_twins()) == 0
+    assert len(GraspSet.empty().with_symmetric()) == 0
 
 
 def test_twins_swap_the_fingers(grasps):
-    both = grasps.with_twins()
+    both = grasps.with_symmetric()
     n = len(grasps)
     assert len(both) == 2 * n and both.rejected == grasps.rejected
     np.testing.assert_array_equal(both.X_OG[:n], grasps.X_OG)

@@ -5,15 +5,15 @@ import pytest
 
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.grasps.certainty import UNSEEN_CLEARANCE, odds, probability
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.hand_clearance import (
     FAR,
     HOPEFUL,
     MARGIN,
     hand_freedom,
-    seen_clearance,
+    observed_clearance,
 )
+from feasigrasp.models.grasps.success_probability import UNOBSERVED_CLEARANCE, odds, probability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.completion import complete_shape
 
@@ -39,26 +39,26 @@ def grasp(approach):
     return X_OG
 
 
-def judged(field, approach, contact, told):
+def judged(field, approach, contact, learned):
     grasps = GraspSet(grasp(approach)[None], [2 * RADIUS], [contact])
-    free, certain = hand_freedom(field, grasps, np.array([told]), GRIPPER, MARGIN, 0)
+    free, certain = hand_freedom(field, grasps, np.array([learned]), GRIPPER, MARGIN, 0)
     return bool(free[0]), float(certain[0])
 
 
 def test_a_hand_in_invented_surface_is_left_to_the_network(field):
     free, certain = judged(field, 1.0, 0.95, 0.95)
     assert free
-    assert certain == probability(UNSEEN_CLEARANCE, odds(np.array([0.95])))
+    assert certain == probability(UNOBSERVED_CLEARANCE, odds(np.array([0.95])))
     assert judged(field, 1.0, 0.95, 0.97)[1] > certain
 
 
 @pytest.mark.parametrize(
-    ("contact", "told"),
+    ("contact", "learned"),
     [(0.95, np.nan), (0.95, 0.9 * HOPEFUL), (0.9 * HOPEFUL, 0.95)],
     ids=["no opinion", "hand not free", "no contact"],
 )
-def test_without_hope_it_collides(field, contact, told):
-    assert not judged(field, 1.0, contact, told)[0]
+def test_without_hope_it_collides(field, contact, learned):
+    assert not judged(field, 1.0, contact, learned)[0]
 
 
 def test_surface_that_was_seen_is_there_whatever_the_network_says(field):
@@ -67,6 +67,6 @@ def test_surface_that_was_seen_is_there_whatever_the_network_says(field):
 
 def test_surface_counts_as_far_where_nothing_was_seen_near_it(field):
     X_OG = np.stack([grasp(1.0), grasp(-1.0)])
-    everything, seen = (seen_clearance(field, X_OG, GRIPPER, d) for d in (np.inf, 0.01))
+    everything, seen = (observed_clearance(field, X_OG, GRIPPER, d) for d in (np.inf, 0.01))
     assert everything.max() < 0.0
     assert seen[1] < 0.0 < MARGIN < seen[0] <= FAR

@@ -5,14 +5,14 @@ import pytest
 from scipy.integrate import dblquad
 
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.grasps.carry import (
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.payload import (
     contact_pressure,
     grip_of,
     moment_limits,
     pad_cells,
     pressure_centre,
 )
-from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.grasps.carry import BEST
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
+from feasigrasp.models.grasps.payload import BEST
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.grasps.samplers import make_sampler, sampler_names
 

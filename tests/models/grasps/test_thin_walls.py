@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.grasps.matching import recheck_grasps
+from feasigrasp.models.grasps.data_association import recheck_grasps
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -50,8 +50,8 @@ def test_a_finger_may_enter_what_was_looked_into(bowl, truth):
     assert len(x) > 100
     looked_into = object_grid(seen_from(bowl, BELOW, ABOVE)).distance_and_gradient(x)[0]
     assert np.mean(looked_into > 0.002) > 0.98
-    unseen = object_grid(seen_from(bowl, BELOW)).distance_and_gradient(x)[0]
-    assert np.mean(unseen < 0.002) > 0.75
+    unobserved = object_grid(seen_from(bowl, BELOW)).distance_and_gradient(x)[0]
+    assert np.mean(unobserved < 0.002) > 0.75
 
 
 def test_grasps_of_a_rim_are_known_again(bowl, truth):

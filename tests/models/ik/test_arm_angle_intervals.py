@@ -5,8 +5,8 @@ import pytest
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.arm_angle_intervals import make_segments, segments_kernel
-from feasigrasp.models.ik.arm_circle import arm_circle_kernel
 from feasigrasp.models.ik.closed_form import arm_angle, closed_form
+from feasigrasp.models.ik.self_motion import self_motion_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
@@ -42,7 +42,7 @@ def arm_angle_intervals(X_WF, margin=0.0):
     An interval starts in [-pi, pi) and may end beyond pi; (-pi, pi) is the whole circle.
     """
     segments = make_segments(float(margin))
-    count = segments_kernel(arm_circle_kernel(np.ascontiguousarray(X_WF, dtype=float)), segments)
+    count = segments_kernel(self_motion_kernel(np.ascontiguousarray(X_WF, dtype=float)), segments)
     found = []
     for branch in range(8):
         inside = (segments.branches[:count] >> branch) & 1 == 1

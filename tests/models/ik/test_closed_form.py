@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.ik.arm_angle_table import lanes_kernel, travel_times_kernel
-from feasigrasp.models.ik.arm_circle import arm_circle_kernel
 from feasigrasp.models.ik.closed_form import (
     arm_angle,
     closed_form,
@@ -13,6 +11,8 @@ from feasigrasp.models.ik.closed_form import (
     next_nearest_kernel,
     travel_time_kernel,
 )
+from feasigrasp.models.ik.redundancy_samples import redundancy_samples_kernel, travel_times_kernel
+from feasigrasp.models.ik.self_motion import self_motion_kernel
 from feasigrasp.models.numerics.fast_math import fast_atan2
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -25,12 +25,15 @@ def random_configurations(n, seed=0):
 def nearest_inside_limits(poses, near, psis, margin=0.0):
     """Of each pose (n, 4, 4) the configuration of `psis` that is soonest reached, and its time."""
     found, times = np.full((len(poses), 7), np.nan), np.full(len(poses), np.inf)
-    lanes, candidate = lanes_kernel(np.asarray(psis, dtype=float), np.nan), np.empty(7)
-    for n, circle in enumerate(map(arm_circle_kernel, poses)):
+    samples, candidate = (
+        redundancy_samples_kernel(np.asarray(psis, dtype=float), np.nan),
+        np.empty(7),
+    )
+    for n, circle in enumerate(map(self_motion_kernel, poses)):
         if not circle.reached:
             continue
-        travel_times_kernel(circle, near, margin, lanes)
-        while next_nearest_kernel(circle, lanes, candidate) < np.inf:
+        travel_times_kernel(circle, near, margin, samples)
+        while next_nearest_kernel(circle, samples, candidate) < np.inf:
             # Angles next to a singularity are rough until the configuration is written.
             if inside_limits_kernel(candidate, margin):
                 found[n], times[n] = candidate, travel_time_kernel(candidate, near)

@@ -15,7 +15,7 @@ from feasigrasp.models.objects.pose_filter import (
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 
 PERIOD = 0.005
-AHEAD = np.array([0.5, 1.0, 2.0, 4.0])
+HORIZON = np.array([0.5, 1.0, 2.0, 4.0])
 
 
 def motion(amplitude=(0.0, 0.0, 0.0), harmonic=(1.0, 1.0, 1.0), rate=0.3, **options):
@@ -59,7 +59,7 @@ def follow(truth, duration, noise=Noise(), seed=0, lost=0.0):  # noqa: B008 - a 
     return MotionEstimate(state, float(t)), rms
 
 
-def off(truth, estimate, ahead=AHEAD):
+def off(truth, estimate, ahead=HORIZON):
     """Position [m] and angle [rad] between predicted and true poses."""
     X = estimate.predict(ahead)
     true = np.array([truth.pose(estimate.time + s) for s in ahead])
@@ -95,7 +95,7 @@ def test_the_future_is_predicted_along_the_curve(truth):
                 :3, 3
             ]
         )
-        for s in AHEAD
+        for s in HORIZON
     ]
     assert position[-1] < 0.1 * straight[-1]
 
@@ -137,7 +137,7 @@ def test_turning_the_world_turns_the_prediction():
             return np.zeros(6)
 
     here, there = follow(SWING, 6.0)[0], follow(Turned(), 6.0)[0]
-    np.testing.assert_allclose(turn @ here.predict(AHEAD), there.predict(AHEAD), atol=1e-6)
+    np.testing.assert_allclose(turn @ here.predict(HORIZON), there.predict(HORIZON), atol=1e-6)
 
 
 def test_what_is_no_pose_is_ignored():
@@ -266,13 +266,13 @@ def test_future_poses_fall_back_on_the_twist():
     estimate, _ = follow(CIRCLE, 6.0)
     X_WO, V_WO = CIRCLE.pose(estimate.time), CIRCLE.velocity(estimate.time)
     np.testing.assert_allclose(
-        future_poses(estimate, X_WO, V_WO, AHEAD), estimate.predict(AHEAD, V_WO[3:]), atol=1e-12
+        future_poses(estimate, X_WO, V_WO, HORIZON), estimate.predict(HORIZON, V_WO[3:]), atol=1e-12
     )
     lifted = X_WO.copy()
     lifted[2, 3] += 0.1
-    expected = [se3.extrapolate(lifted, V_WO, s) for s in AHEAD]
+    expected = [se3.extrapolate(lifted, V_WO, s) for s in HORIZON]
     for unknown in (estimate, None, MotionEstimate(empty_state(), 0.0)):
-        np.testing.assert_allclose(future_poses(unknown, lifted, V_WO, AHEAD), expected)
+        np.testing.assert_allclose(future_poses(unknown, lifted, V_WO, HORIZON), expected)
 
 
 def test_a_pose_beside_the_filtered_one_goes_the_same_way():
@@ -281,8 +281,8 @@ def test_a_pose_beside_the_filtered_one_goes_the_same_way():
     beside = se3.make_pose(se3.so3_exp([0.1, -0.15, 0.05]), [0.01, -0.015, 0.01])
     X_WO = CIRCLE.pose(estimate.time)
     beside = se3.make_pose(X_WO[:3, :3] @ beside[:3, :3], X_WO[:3, 3] + beside[:3, 3])
-    X = future_poses(estimate, beside, CIRCLE.velocity(estimate.time), AHEAD)
-    for later, s in zip(X, AHEAD, strict=True):
+    X = future_poses(estimate, beside, CIRCLE.velocity(estimate.time), HORIZON)
+    for later, s in zip(X, HORIZON, strict=True):
         true = CIRCLE.pose(estimate.time + s)
         moved = true[:3, 3] - X_WO[:3, 3]
         np.testing.assert_allclose(later[:3, 3] - beside[:3, 3], moved, atol=3e-3)

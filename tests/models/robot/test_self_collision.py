@@ -25,7 +25,7 @@ from feasigrasp.models.robot.collision_kernels import LANES, in_collision_kernel
 from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path, model_path
-from feasigrasp.runs.metrics.robot_twin import RobotTwin
+from feasigrasp.runs.metrics.reference_robot import ReferenceRobot
 from feasigrasp.scenario.files import load_scenario
 from tests.truths import table_distances
 
@@ -224,24 +224,24 @@ def test_an_unknown_configuration_is_not_free(joint, bad, model):
 
 
 @pytest.fixture(scope="module")
-def twin():
+def reference():
     """The visible robot: its distances owe nothing to the capsules."""
-    return RobotTwin(
+    return ReferenceRobot(
         load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap").directives
     )
 
 
-def test_left_out_pairs_stay_apart(twin):
+def test_left_out_pairs_stay_apart(reference):
     """Random search, then descent by random steps, over the joint limits, for every other pair."""
     seen = {"palm": "gripper_body", "camera": "camera_body"}
     names = [seen.get(name, name) for name in BODY_NAMES]
     checked = {(names[a], names[b]) for a, b in BODY_PAIRS}
-    pairs = [(twin.names[a], twin.names[b]) for a, b in twin.pairs]
+    pairs = [(reference.names[a], reference.names[b]) for a, b in reference.pairs]
     assert checked < set(pairs)
     rng, bound = np.random.default_rng(6), IIWA_7.position_limits
     Q = random_configurations(3000, seed=5)
     Q = np.where(rng.random(Q.shape) < 0.3, np.sign(Q) * bound, Q)
-    D = twin.self_distances(Q, 0.15)
+    D = reference.self_distances(Q, 0.15)
     searched = 0
     for k, pair in enumerate(pairs):
         if pair in checked:
@@ -252,7 +252,7 @@ def test_left_out_pairs_stay_apart(twin):
             continue
         for size in np.geomspace(0.3, 0.003, 60):
             trial = np.clip(q + rng.normal(0.0, size, 7), -bound, bound)
-            distance = twin.self_distances(trial[None], 0.15)[0, k]
+            distance = reference.self_distances(trial[None], 0.15)[0, k]
             best, q = (distance, trial) if distance < best else (best, q)
         # The flange comes near the forearm when the wrist is bent to its limit.
         bar = 0.0 if pair == ("iiwa_link_5", "iiwa_link_7") else 0.02
@@ -261,11 +261,11 @@ def test_left_out_pairs_stay_apart(twin):
     assert searched > 5
 
 
-def test_what_capsules_call_free_is_free(twin):
+def test_what_capsules_call_free_is_free(reference):
     """At the controllers' clearance of 1 cm, by the visible bodies: no collision is missed."""
     Q = mixed_configurations(3000, seed=11)
     free = ~sc.in_collision(Q, margin=0.01)
-    collides = np.array([(twin.self_distances(q[None], 0.0) < 0.0).any() for q in Q])
+    collides = np.array([(reference.self_distances(q[None], 0.0) < 0.0).any() for q in Q])
     assert 100 < collides.sum() < 1500
     assert not (free & collides).any()
     # And not much of what is free is given up: before the capsules held the links, 7 %.
@@ -300,26 +300,26 @@ def outside(points, capsule):
     return np.linalg.norm(points - a - t[:, None] * (b - a), axis=1) - capsule.radius
 
 
-def test_capsules_hold_every_visible_vertex(twin):
+def test_capsules_hold_every_visible_vertex(reference):
     """None stands out of the capsules of its link: no clearance has to take up a difference."""
     checked = 0
     for link in range(8):
         names = [name for name, k in zip(BODY_NAMES, BODY_LINK, strict=True) if k == link]
         capsules = [c for c in CAPSULES if BODY_NAMES[c.body] in names]
         seen = {"palm": "gripper_body", "camera": "camera_body"}
-        points = np.concatenate([visible_points(twin, seen.get(n, n), link) for n in names])
+        points = np.concatenate([visible_points(reference, seen.get(n, n), link) for n in names])
         assert np.min([outside(points, c) for c in capsules], axis=0).max() < 0.0, link
         checked += len(points)
     assert checked > 20000
 
 
-def visible_points(twin, name, link):
+def visible_points(reference, name, link):
     """Vertices of a body's mesh in the frame of the link that it moves with, shape (n, 3)."""
     files = {f"iiwa_link_{k}": f"link_{k}" for k in range(8)} | {"camera_body": "camera"}
     path = model_path("iiwa", "meshes", f"{files.get(name, name)}.gltf")
     points = trimesh.load(path, process=False).to_mesh().vertices[:, [0, 2, 1]] * [1, -1, 1]
-    frame = twin.plant.GetFrameByName(f"iiwa_link_{link}")
-    X = twin.plant.GetFrameByName(name).CalcPose(twin._context, frame).GetAsMatrix4()
+    frame = reference.plant.GetFrameByName(f"iiwa_link_{link}")
+    X = reference.plant.GetFrameByName(name).CalcPose(reference._context, frame).GetAsMatrix4()
     return points @ X[:3, :3].T + X[:3, 3]
 
 

@@ -12,7 +12,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.components import MIN_PIXELS, find_components
 from feasigrasp.models.segmentation.foreground import Known, Label, segment
-from feasigrasp.models.segmentation.known_bodies import CARRIER, Boxes, KnownBodies
+from feasigrasp.models.segmentation.modeled_bodies import CARRIER, Boxes, ModeledBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 WIDTH, HEIGHT, F = 160, 120, 130.0
@@ -52,7 +52,7 @@ def wall_box(wall=0.8, thickness=0.1):
     return Boxes(X_WB[None], np.array([[2.0, 2.0, thickness / 2]]))
 
 
-BODIES = KnownBodies(GRIPPER, wall_box())
+BODIES = ModeledBodies(GRIPPER, wall_box())
 
 
 def labels(balls, camera=CAMERA, known=None, bodies=BODIES, **options):
@@ -192,7 +192,7 @@ def test_what_touches_a_larger_body_is_found_pixel_by_pixel():
     """The ball rests against a wall that nobody knows of."""
     ball = [0.0, 0.0, 0.50]
     known = Known(field_of_a_ball(), pose_at(ball))
-    found, shows = labels([ball], known=known, bodies=KnownBodies(GRIPPER), wall=0.505)
+    found, shows = labels([ball], known=known, bodies=ModeledBodies(GRIPPER), wall=0.505)
     mask, truth = found == Label.OBJECT, shows == 1
     assert np.count_nonzero(mask & truth) > 0.9 * np.count_nonzero(truth)
     image, _ = view([ball], wall=0.505)

@@ -131,8 +131,8 @@ def test_more_views_complete_the_shape_better_and_variance_shows_the_unseen(true
         off = np.abs(truth.signed_distance(surface.points))
         error[views] = off.mean()
         if views == 1:
-            sure = surface.variance < np.median(surface.variance)
-            assert off[sure].mean() < 0.3 * off[~sure].mean()
+            reliable = surface.variance < np.median(surface.variance)
+            assert off[reliable].mean() < 0.3 * off[~reliable].mean()
     assert error[3] < 0.6 * error[1]
 
 

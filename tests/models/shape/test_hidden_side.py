@@ -19,7 +19,7 @@ from feasigrasp.models.shape.completion import (
 )
 from feasigrasp.models.shape.hidden_side import (
     BackSurface,
-    believed_thickness,
+    estimated_thickness,
     features,
     picture_scale,
 )
@@ -69,7 +69,7 @@ def field():
 
 
 def test_the_believed_thickness_is_where_the_field_ends(image, field):
-    thickness, apart = believed_thickness(image, field)
+    thickness, apart = estimated_thickness(image, field)
     known = np.isfinite(thickness)
     assert known[image.mask].mean() > 0.8  # every eighth pixel is on the rim
     assert not known[~image.mask].any()
@@ -159,9 +159,9 @@ def test_a_weights_file_comes_back(tmp_path, image, field):
 
 def test_an_untrained_network_believes_the_field(image, field):
     (back,) = export(HiddenSideNetwork()).back_surfaces([image], field)
-    believed, _ = believed_thickness(image, field)
-    known = np.isfinite(believed)
-    change = (back.depth - image.depth)[known] - believed[known]
+    estimated, _ = estimated_thickness(image, field)
+    known = np.isfinite(estimated)
+    change = (back.depth - image.depth)[known] - estimated[known]
     np.testing.assert_allclose(change, change[0], atol=1e-6)
 
 

@@ -179,9 +179,9 @@ def test_random_hand_poses_agree_with_the_true_distance(scene):
     least = true_distance(points.reshape(-1, 3)).reshape(400, -1).min(axis=1)
     clear = scene_clear(scene, poses, gripper, margin=0.01)
     deep = least > -0.045  # deeper than that nothing is known to be solid
-    sure = deep & (np.abs(least - 0.01) > 0.006)
-    assert sure.sum() > 150
-    assert np.mean(clear[sure] == (least[sure] > 0.01)) > 0.98
+    reliable = deep & (np.abs(least - 0.01) > 0.006)
+    assert reliable.sum() > 150
+    assert np.mean(clear[reliable] == (least[reliable] > 0.01)) > 0.98
 
 
 def test_balls_cover_the_capsules():

@@ -9,7 +9,7 @@ from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.shape.completion import complete_shape
-from feasigrasp.models.tracking.belief import is_believed, is_found, shows_known
+from feasigrasp.models.tracking.acceptance import is_accepted, is_found, shows_model
 from feasigrasp.models.tracking.information import jacobian, surface_deviation, without_noise
 from feasigrasp.models.tracking.keyframe import is_worth_merging, keyframe_of
 from feasigrasp.models.tracking.model import TrackedModel
@@ -239,8 +239,8 @@ def test_a_side_of_which_hardly_anything_is_known_shows_nothing_that_is(shape):
         shares.append((cosine > 0.3).mean())
         found = register(model, look(surface, np.eye(4), camera), np.eye(4), 1e-12 * np.eye(6))
         assert found.facing == shares[-1]
-        assert shows_known(found) == (shares[-1] >= 0.03)
-        assert shows_known(found) or not is_found(found)
+        assert shows_model(found) == (shares[-1] >= 0.03)
+        assert shows_model(found) or not is_found(found)
     assert min(shares) < 0.03 < max(shares)
 
 
@@ -258,7 +258,7 @@ def test_a_side_of_which_hardly_anything_is_known_is_learnt():
         found = register(model, view, np.eye(4), 1e-12 * np.eye(6))
         if 0.0 < found.facing < 0.03:
             key = keyframe_of(view, np.eye(4), 1.0, 1e-3)
-            learnt.append(is_believed(found) and is_worth_merging(key, found, 0.0, views))
+            learnt.append(is_accepted(found) and is_worth_merging(key, found, 0.0, views))
     assert len(learnt) > 0 and all(learnt)
 
 

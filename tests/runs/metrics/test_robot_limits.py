@@ -7,8 +7,8 @@ import pytest
 
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
+from feasigrasp.runs.metrics.reference_robot import reference_robot
 from feasigrasp.runs.metrics.robot_limits import self_collision_metrics, torque_metrics
-from feasigrasp.runs.metrics.robot_twin import robot_twin
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.from_scenario import make_station
 
@@ -22,35 +22,35 @@ def scenario():
 
 
 @pytest.fixture(scope="module")
-def twin(scenario):
-    return robot_twin(scenario.directives)
+def reference(scenario):
+    return reference_robot(scenario.directives)
 
 
-def test_it_is_made_once(scenario, twin):
+def test_it_is_made_once(scenario, reference):
     again = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachCircularMocap")
-    assert robot_twin(again.directives) is twin
+    assert reference_robot(again.directives) is reference
 
 
-def test_shares_of_samples_in_self_collision(twin):
-    found = self_collision_metrics(twin, np.array([READY, FOLDED, READY, READY]))
+def test_shares_of_samples_in_self_collision(reference):
+    found = self_collision_metrics(reference, np.array([READY, FOLDED, READY, READY]))
     assert found["self_collision_percent"] == 25.0
     assert found["self_distance_min_mm"] < -20.0
-    assert self_collision_metrics(twin, READY[None]) == {
+    assert self_collision_metrics(reference, READY[None]) == {
         "self_collision_percent": 0.0,
         "self_distance_min_mm": None,
     }
 
 
-def test_a_thousand_samples_take_less_than_a_second(twin):
+def test_a_thousand_samples_take_less_than_a_second(reference):
     start = time.process_time()
-    self_collision_metrics(twin, np.tile(READY, (1000, 1)))
+    self_collision_metrics(reference, np.tile(READY, (1000, 1)))
     assert time.process_time() - start < 1.0
 
 
-def test_the_weight_counts_although_the_simulated_arm_has_none(twin):
+def test_the_weight_counts_although_the_simulated_arm_has_none(reference):
     flat = np.array([[0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0, 0.0]])
-    (weight,) = twin.gravity_torques(flat)
-    found = torque_metrics(twin, flat, np.zeros((1, 7)))
+    (weight,) = reference.gravity_torques(flat)
+    found = torque_metrics(reference, flat, np.zeros((1, 7)))
     assert found["torque_limit_violation_percent"] == 0.0
     assert found["torque_peak_percent"] == pytest.approx(
         100.0 * (np.abs(weight) / IIWA_7.effort_limits).max()
@@ -58,11 +58,11 @@ def test_the_weight_counts_although_the_simulated_arm_has_none(twin):
     # What the motors give adds to it, with its sign.
     missing = np.sign(weight[1]) * (IIWA_7.effort_limits[1] - abs(weight[1])) * np.eye(7)[1]
     for share, expected in ((0.999, 0.0), (1.001, 100.0), (-0.999, 0.0)):
-        found = torque_metrics(twin, flat, share * missing[None])
+        found = torque_metrics(reference, flat, share * missing[None])
         assert found["torque_limit_violation_percent"] == expected
 
 
-def test_a_torque_at_its_limit_counts_since_the_simulation_cuts_it_off(scenario, twin):
+def test_a_torque_at_its_limit_counts_since_the_simulation_cuts_it_off(scenario, reference):
     """Asked for far more than its motors can give, the simulated arm gives the limit exactly."""
     scenario.cameras = {}
     station = make_station(scenario)
@@ -75,6 +75,6 @@ def test_a_torque_at_its_limit_counts_since_the_simulation_cuts_it_off(scenario,
     for ahead, percent in ((0.0, 0.0), (1.0, 100.0)):
         desired.FixValue(context, np.r_[q + ahead, np.zeros(7)])
         actuation = np.array([torques.Eval(context)])
-        found = torque_metrics(twin, q[None], actuation)
+        found = torque_metrics(reference, q[None], actuation)
         assert found["torque_limit_violation_percent"] == percent
     np.testing.assert_allclose(np.abs(actuation[0]), IIWA_7.effort_limits)

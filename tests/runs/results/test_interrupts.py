@@ -18,7 +18,7 @@ from feasigrasp_lab.runs.plan import PlannedRun
 
 
 @pytest.fixture(autouse=True)
-def heard_interrupts():
+def received_interrupts():
     """Of a process in a shell's background Python leaves interrupts ignored, as it finds them."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield

@@ -36,7 +36,7 @@ def tell(bus, *messages, channel=channels.IIWA_STATUS):
         outside.Publish(channel, message)
         intake.receive(0.0)
         while intake.oldest() is not None:
-            intake.hand_on()
+            intake.forward()
     return seen
 
 
@@ -64,10 +64,10 @@ def test_all_statuses_are_handed_on_one_after_the_other(bus):
     for utime in (5, 10, 15):
         outside.Publish(channels.IIWA_STATUS, status(utime))
         intake.receive(0.0)
-    intake.hand_on()
+    intake.forward()
     assert seen == [5] and intake.oldest() == 10
     intake.skip()
-    intake.hand_on()
+    intake.forward()
     assert seen == [5, 15] and intake.oldest() is None
 
 

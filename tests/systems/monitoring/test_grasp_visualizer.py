@@ -143,9 +143,10 @@ def test_initialization_starts_over() -> None:
 
 def test_a_grasp_counts_as_reachable_by_its_flip_too() -> None:
     some = grasps(4)
-    twins = some.with_twins()
+    symmetric_grasps = some.with_symmetric()
     np.testing.assert_array_equal(
-        reachable_mask(some, twins.select(np.array([1, 4 + 2]))), [False, True, True, False]
+        reachable_mask(some, symmetric_grasps.select(np.array([1, 4 + 2]))),
+        [False, True, True, False],
     )
     assert reachable_mask(GraspSet.empty(), GraspSet.empty()).shape == (0,)
     assert not reachable_mask(some, grasps(5).select(np.array([2]))).any()

@@ -48,7 +48,7 @@ class Monitored:
         for name, value in inputs.items():
             self.dut.GetInputPort(name).FixValue(self.context, value)
 
-    def said(self, t):
+    def reported(self, t):
         """Codes and times of all that has been said by time t."""
         self.simulator.AdvanceTo(t)
         history = self.dut.GetOutputPort("history").Eval(self.context)
@@ -64,12 +64,12 @@ def test_ports_are_those_of_the_docstring(ports, documented_ports):
 def test_a_change_is_said_once_with_its_beginning():
     monitored = Monitored()
     monitored.fix(perceived=Value[object](NOTHING))
-    assert monitored.said(0.35) == [(StatusCode.NOTHING_SEEN, 0.0)]
+    assert monitored.reported(0.35) == [(StatusCode.NOTHING_SEEN, 0.0)]
     monitored.fix(perceived=Value[object](SEEN))
     expected = [(StatusCode.NOTHING_SEEN, 0.0), (StatusCode.FOLLOWING, 0.4)]
-    assert monitored.said(1.05) == expected
+    assert monitored.reported(1.05) == expected
     monitored.fix(tracking=Value[object](Tracking.of_age(0.7, 0.5)))
-    assert monitored.said(1.95) == [*expected, (StatusCode.POSE_LOST, 1.1)]
+    assert monitored.reported(1.95) == [*expected, (StatusCode.POSE_LOST, 1.1)]
     status = monitored.dut.GetOutputPort("status").Eval(monitored.context)
     assert status.code is StatusCode.POSE_LOST
     assert "0.7 s" in status.detail
@@ -77,27 +77,27 @@ def test_a_change_is_said_once_with_its_beginning():
 
 def test_what_passes_at_once_is_not_said():
     monitored = Monitored()
-    monitored.said(0.55)
+    monitored.reported(0.55)
     monitored.fix(reachable=GraspSet.empty(), verdicts=Value[object](("table", "table")))
-    monitored.said(0.65)
+    monitored.reported(0.65)
     monitored.fix(reachable=GRASPS)
-    assert [code for code, _ in monitored.said(2.0)] == [StatusCode.FOLLOWING]
+    assert [code for code, _ in monitored.reported(2.0)] == [StatusCode.FOLLOWING]
 
 
 def test_an_arm_that_stands_before_its_grasp_is_said_to_be_held_up():
     monitored = Monitored()
-    monitored.said(0.25)
+    monitored.reported(0.25)
     monitored.fix(desired_velocity=np.zeros(7))
-    assert [code for code, _ in monitored.said(0.75)] == [StatusCode.FOLLOWING]
-    assert monitored.said(1.0)[-1] == (StatusCode.BRAKING_FOR_OBSTACLE, 0.3)
+    assert [code for code, _ in monitored.reported(0.75)] == [StatusCode.FOLLOWING]
+    assert monitored.reported(1.0)[-1] == (StatusCode.BRAKING_FOR_OBSTACLE, 0.3)
 
 
 def test_faulty_commands_are_said_at_once_and_while_they_come():
     monitored = Monitored()
-    monitored.said(0.25)
+    monitored.reported(0.25)
     monitored.fix(command_faults=[3.0])
-    assert monitored.said(0.35)[-1] == (StatusCode.COMMAND_FAULTY, 0.3)
-    assert monitored.said(0.75)[-1] == (StatusCode.FOLLOWING, 0.4)
+    assert monitored.reported(0.35)[-1] == (StatusCode.COMMAND_FAULTY, 0.3)
+    assert monitored.reported(0.75)[-1] == (StatusCode.FOLLOWING, 0.4)
 
 
 def test_the_most_frequent_reason_is_told():
@@ -105,7 +105,7 @@ def test_the_most_frequent_reason_is_told():
     better = 3 * ("better grasps in reach",)  # no reason, where the scene takes them all
     reasons = ("joint limits", "table", "table", "kept", *better)
     monitored.fix(reachable=GraspSet.empty(), verdicts=Value[object](reasons))
-    monitored.said(0.5)
+    monitored.reported(0.5)
     status = monitored.dut.GetOutputPort("status").Eval(monitored.context)
     assert (status.code, status.detail) == (StatusCode.NONE_REACHABLE, "table")
 
@@ -119,39 +119,39 @@ def test_an_object_that_turns_in_the_hand_slips():
     beside = X_WO.inverse() @ X_WH @ RigidTransform([0.008, 0.0, 0.008])
     grasp = GraspSet(beside.GetAsMatrix4()[None], [0.04], [1.0])
     monitored.fix(phase=[Phase.CLOSE], reachable=grasp, object_pose=X_WO)
-    monitored.said(0.5)
+    monitored.reported(0.5)
     monitored.fix(phase=[Phase.LIFT])
-    assert monitored.said(1.0)[-1][0] is StatusCode.LIFTING
+    assert monitored.reported(1.0)[-1][0] is StatusCode.LIFTING
     about_hand = X_WH @ RigidTransform(RollPitchYaw(np.deg2rad(15.0), 0.0, 0.0), [0.0, 0.0, 0.0])
     monitored.fix(object_pose=about_hand @ X_WH.inverse() @ X_WO)
-    assert monitored.said(2.0)[-1][0] is StatusCode.SLIPPING
+    assert monitored.reported(2.0)[-1][0] is StatusCode.SLIPPING
     monitored.fix(tracking=Value[object](Tracking.of_age(2.0, 0.5)))
-    assert monitored.said(3.0)[-1][0] is StatusCode.LIFTING
+    assert monitored.reported(3.0)[-1][0] is StatusCode.LIFTING
 
 
 def test_a_touch_is_said_at_once_and_not_for_longer_than_it_lasts():
     monitored = Monitored()
     monitored.fix(touches=[0.0])
-    assert monitored.said(0.35) == [(StatusCode.FOLLOWING, 0.0)]
+    assert monitored.reported(0.35) == [(StatusCode.FOLLOWING, 0.0)]
     monitored.fix(touches=[2.0])
-    monitored.said(0.45)
+    monitored.reported(0.45)
     after = [(StatusCode.FOLLOWING, 0.0), (StatusCode.TOUCHED, 0.4), (StatusCode.FOLLOWING, 0.5)]
-    assert monitored.said(1.0) == after
+    assert monitored.reported(1.0) == after
 
 
 def test_of_a_hand_that_follows_it_is_said_again_and_again_what_keeps_it_from_closing():
     monitored = Monitored()
     hand = forward_kinematics(np.full(7, 0.5), ParallelGripper().X_FG)
     monitored.fix(object_pose=RigidTransform(hand))
-    monitored.said(0.5)
+    monitored.reported(0.5)
     status = monitored.dut.GetOutputPort("status")
     assert "at a grasp" in status.Eval(monitored.context).detail
     hand[:3, 3] += 0.05 * hand[:3, 2]
     monitored.fix(object_pose=RigidTransform(hand))
-    monitored.said(0.8)
+    monitored.reported(0.8)
     now = status.Eval(monitored.context)  # at once, while the history keeps what was said
     assert "50 mm from the nearest grasp, closes within 6" in now.detail
-    assert monitored.said(2 * AGAIN + 0.5) == [
+    assert monitored.reported(2 * AGAIN + 0.5) == [
         (StatusCode.FOLLOWING, t) for t in (0.0, pytest.approx(AGAIN), pytest.approx(2 * AGAIN))
     ]
     history = monitored.dut.GetOutputPort("history").Eval(monitored.context)
@@ -164,9 +164,9 @@ def test_a_replay_shows_each_change_of_a_detail_when_it_came():
     for step in range(3):
         away = RigidTransform([0.0, 0.0, 0.1 * (3 - step)])
         monitored.fix(object_pose=poses @ away)
-        monitored.said(0.5 * step + 0.45)
+        monitored.reported(0.5 * step + 0.45)
     looks = monitored.dut.looks(monitored.context)
     assert [look.time for look in looks] == pytest.approx([0.1, 0.5, 1.0])
     for look, distance in zip(looks, (300, 200, 100), strict=True):
         assert f"{distance} mm from the nearest grasp" in look.detail
-    assert len(monitored.said(1.45)) == 1  # the record has one line of it
+    assert len(monitored.reported(1.45)) == 1  # the record has one line of it

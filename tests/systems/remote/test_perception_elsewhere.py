@@ -28,7 +28,7 @@ def simulated(execution):
         simulator.AdvanceTo(instant)
         found = late.get_output_port().Eval(late.GetMyContextFromRoot(context))
         grasps.append((found.X_OG, found.id, found.score))
-        at = perception.GetOutputPort("seen_at").Eval(perception.GetMyContextFromRoot(context))
+        at = perception.GetOutputPort("view_time").Eval(perception.GetMyContextFromRoot(context))
         seen.append(at[0])
     end_processes(diagram)
     log = diagram.GetSubsystemByName("log(arm)").FindLog(context)

@@ -7,7 +7,7 @@ from pydrake.systems.analysis import Simulator
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
-from feasigrasp.models.segmentation.known_bodies import CELL
+from feasigrasp.models.segmentation.modeled_bodies import CELL
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.from_scenario import (

@@ -7,7 +7,7 @@ from feasigrasp.errors import GraspError, ScenarioError
 from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
 from feasigrasp.models.robot.grippers import GRIPPERS, PACKAGED, load_gripper
 from feasigrasp.resources import diagram_path
-from feasigrasp.runs.metrics.robot_twin import robot_twin
+from feasigrasp.runs.metrics.reference_robot import reference_robot
 from feasigrasp.scenario import load_scenario
 from feasigrasp.systems.from_scenario import make_station
 from feasigrasp.systems.station.cell_check import check_cell
@@ -72,13 +72,13 @@ def test_the_camera_sits_where_the_description_has_it(station):
 
 def test_runs_are_judged_by_the_same_hand():
     """The visible fingers of the twin are as far apart as the hand opens."""
-    twin = robot_twin(cell_directives(scenario("WSG_50")))
-    context = twin.plant.CreateDefaultContext()
-    hand = twin.plant.GetModelInstanceByName("gripper")
-    upper = twin.plant.GetPositionsFromArray(hand, twin.plant.GetPositionUpperLimits())
-    twin.plant.SetPositions(context, hand, upper)
+    reference = reference_robot(cell_directives(scenario("WSG_50")))
+    context = reference.plant.CreateDefaultContext()
+    hand = reference.plant.GetModelInstanceByName("gripper")
+    upper = reference.plant.GetPositionsFromArray(hand, reference.plant.GetPositionUpperLimits())
+    reference.plant.SetPositions(context, hand, upper)
     left, right = (
-        twin.plant.GetBodyByName(f"{side}_finger").EvalPoseInWorld(context).translation()
+        reference.plant.GetBodyByName(f"{side}_finger").EvalPoseInWorld(context).translation()
         for side in ("left", "right")
     )
     assert np.linalg.norm(left - right) == pytest.approx(WSG_50.max_opening)

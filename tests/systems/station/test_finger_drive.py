@@ -19,23 +19,23 @@ def test_ports_are_those_of_the_docstring(ports, documented_ports):
 
 
 @pytest.mark.parametrize(
-    ("told", "driven_to"),
+    ("commanded", "driven_to"),
     [
         (lambda t: 0.08 - 0.15 * t, lambda t: 0.08 - 0.15 * t),  # as fingers close: as it is
         (lambda t: 0.08 if t < 0.05 else -0.02, lambda t: np.clip(0.13 - t, -0.02, 0.08)),
         (lambda t: -0.02 if t < 0.05 else 0.08, lambda t: np.clip(t - 0.07, -0.02, 0.08)),
     ],
 )
-def test_an_opening_is_followed_at_one_metre_a_second_at_most(told, driven_to):
+def test_an_opening_is_followed_at_one_metre_a_second_at_most(commanded, driven_to):
     simulator = Simulator(FingerDrive(PERIOD))
     dut, context = simulator.get_system(), simulator.get_mutable_context()
     for step in range(101):
         t = step * PERIOD
-        dut.get_input_port().FixValue(context, [told(t)])
+        dut.get_input_port().FixValue(context, [commanded(t)])
         simulator.AdvanceTo(t)
         width = 2.0 * dut.get_output_port().Eval(context)[0]
         assert width == pytest.approx(driven_to(t), abs=2.01 * dut.SPEED * PERIOD)
-    assert width == pytest.approx(told(t), abs=1e-12)
+    assert width == pytest.approx(commanded(t), abs=1e-12)
 
 
 def test_fingers_that_are_told_to_press_deal_the_arm_no_blow():

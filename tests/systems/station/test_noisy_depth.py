@@ -82,9 +82,9 @@ def test_a_calibration_error_moves_cloud_and_pose_alike():
         cloud = station.GetOutputPort("wrist_camera.point_cloud").Eval(context).xyzs()
         finite = np.isfinite(cloud).all(axis=0)
         seen.append((pose, pose.inverse() @ cloud[:, finite].astype(float)))
-    (true, true_points), (believed, points) = seen
+    (true, true_points), (calibrated, points) = seen
     np.testing.assert_allclose(points, true_points, atol=1e-5)
-    error = true.inverse() @ believed
+    error = true.inverse() @ calibrated
     assert np.linalg.norm(error.translation()) == pytest.approx(0.01)
     assert error.rotation().ToAngleAxis().angle() == pytest.approx(np.deg2rad(1.0), rel=1e-6)
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.compiled import compiled
+from feasigrasp.models.control.planning.branch_switches import path_cost_kernel
+from feasigrasp.models.control.planning.candidate_graph import candidate_cost_kernel
 from feasigrasp.models.control.planning.continuation import flange_pose_kernel, solve_kernel
-from feasigrasp.models.control.planning.strands import strand_cost_kernel
-from feasigrasp.models.control.planning.transfers import way_kernel
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -71,7 +71,7 @@ def judge_kernel(
     psi,
     times,
     search,
-    prices,
+    costs,
     q,
     reached,
     cost,
@@ -83,7 +83,12 @@ def judge_kernel(
     there, which is the strand's cost, the way there costs what the hand is farther away meanwhile.
     Without a horizon nothing costs anything.
     """
-    X_WF, scratch, values, price = np.empty((4, 4)), np.empty(IIWA_7.joints), np.empty(3), prices[0]
+    X_WF, scratch, values, weights = (
+        np.empty((4, 4)),
+        np.empty(IIWA_7.joints),
+        np.empty(3),
+        costs[0],
+    )
     X_GF = inverse_kernel(X_FG)
     pose_jacobian_kernel(q_now, X_FG, X_WF, None)
     start = np.linalg.norm(X_WF[:3, 3] - X_WO[0, :3, 3])
@@ -95,15 +100,15 @@ def judge_kernel(
         if not reached[i] or len(times) == 1:
             continue
         for j in range(3):
-            values[j] = strand_cost_kernel(
+            values[j] = candidate_cost_kernel(
                 *(X_WO, times, X_OG[i], grasp_rates[i], standoffs[i], X_GF),
-                *(branch[i], psi[i] + (j - 1) * _STEP, search, price, X_WF, scratch),
+                *(branch[i], psi[i] + (j - 1) * _STEP, search, weights, X_WF, scratch),
             )
-        travel = travel_time_kernel(q_now, q[i]) / price.speed_share
-        way = way_kernel(
-            *(q_now, q[i], 0, 0, travel, X_WO, times, start, standoffs[i], search, X_FG, price)
+        travel = travel_time_kernel(q_now, q[i]) / weights.speed_share
+        way = path_cost_kernel(
+            *(q_now, q[i], 0, 0, travel, X_WO, times, start, standoffs[i], search, X_FG, weights)
         )
-        cost[i] = values[1] + max(0.0, way - travel * np.linalg.norm(X_OG[i, :3, 3]) / price.lost)
+        cost[i] = values[1] + max(0.0, way - travel * np.linalg.norm(X_OG[i, :3, 3]) / weights.lost)
         # To the lowest point of the parabola through the three, a few steps at most.
         bend = max(values[2] - 2.0 * values[1] + values[0], _LEAST_BEND)
         steps = 0.5 * (values[0] - values[2]) / bend

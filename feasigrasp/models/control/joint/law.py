@@ -27,13 +27,16 @@ from feasigrasp.models.control.joint.field import (
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.search import SolutionSearch
 from feasigrasp.models.control.joint.solutions import Solutions, feed_forward_kernel, place_kernel
-from feasigrasp.models.control.planning.outlook import LookAhead, poses_ahead
-from feasigrasp.models.control.planning.prices import Prices
-from feasigrasp.models.control.planning.reserve import kept_off, retreat_velocity
+from feasigrasp.models.control.planning.clearance_schedule import (
+    retreat_velocity,
+    scheduled_obstacle,
+)
+from feasigrasp.models.control.planning.cost_weights import CostWeights
+from feasigrasp.models.control.planning.predicted_poses import PredictionModel, predicted_poses
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
-from feasigrasp.models.grasps.funnel import Funnel
+from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import Bound, Positive
@@ -52,9 +55,9 @@ class JointControlOptions:
         max_speed: Largest share of the velocity limits used for it.
         feed_forward: Whether the solutions' own velocity is added; not in the paper.
         solutions: Which solutions the field is fitted to.
-        prices: What they cost, and how far is looked ahead.
-        look_ahead: What the object is taken to do meanwhile, a `LookAhead`.
-        funnel: The way into a grasp.
+        costs: What they cost, and how far is looked ahead.
+        prediction: What the object is taken to do meanwhile, a `PredictionModel`.
+        corridor: The way into a grasp.
         safety: Margins of the QP.
     """
 
@@ -62,9 +65,11 @@ class JointControlOptions:
     max_speed: Bound = 0.8
     feed_forward: bool = True
     solutions: SolutionOptions = field(default_factory=SolutionOptions)
-    prices: Prices = field(default_factory=Prices.of_a_field)
-    look_ahead: str = LookAhead.PREDICTED
-    funnel: Funnel = field(default_factory=lambda: Funnel(closing_axis_share=0.3))
+    costs: CostWeights = field(default_factory=CostWeights.for_joint_field)
+    prediction: str = PredictionModel.PREDICTED
+    corridor: ApproachCorridor = field(
+        default_factory=lambda: ApproachCorridor(closing_axis_share=0.3)
+    )
     safety: SafetyOptions = field(default_factory=SafetyOptions)
 
     def __post_init__(self) -> None:
@@ -74,7 +79,7 @@ class JointControlOptions:
             ControlError: There is no such look-ahead, or a number is out of range.
         """
         check_fields(self, ControlError)
-        parse_choice(LookAhead, self.look_ahead, "look_ahead", ControlError)
+        parse_choice(PredictionModel, self.prediction, "prediction", ControlError)
 
 
 @compiled
@@ -111,7 +116,7 @@ def field_kernel(
     arm_angle,
     cost,
     length_scale,
-    funnel,
+    corridor,
     most,
     gradient,
     forward,
@@ -136,7 +141,7 @@ def field_kernel(
         np.empty((n, IIWA_7.joints)),
         np.empty(n, dtype=np.int64),
     )
-    count = place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q_i, index)
+    count = place_kernel(X_WO, X_OH, X_OG, branch, angles, corridor, X_GF, X_WF, q_i, index)
     gradient[:] = 0.0
     forward[:] = 0.0
     if count == 0:
@@ -159,13 +164,13 @@ def field_kernel(
 
 @compiled
 def field_velocity_kernel(
-    q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, funnel, gains
+    q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, corridor, gains
 ):
     """Joint velocity (7,) of the field: down its gradient, and along with the solutions."""
     gain, max_speed, feed_forward = gains
     gradient, forward = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
     _, left = field_kernel(
-        *(q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, funnel),
+        *(q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, corridor),
         *(1.0, gradient, forward),
     )
     qd = np.empty(IIWA_7.joints)
@@ -195,7 +200,7 @@ class JointSpaceControl:
         """Derives what every step needs."""
         options, gripper = self.options, self.reachability.gripper
         search = SolutionSearch(
-            self.reachability, options.funnel, options.prices, options.solutions, self.period
+            self.reachability, options.corridor, options.costs, options.solutions, self.period
         )
         object.__setattr__(self, "search", search)
         object.__setattr__(self, "safety", SafetyFilter(options.safety, gripper))
@@ -226,10 +231,10 @@ class JointSpaceControl:
         """
         if not np.isfinite(X_WO.sum() + V_WO.sum() + q.sum()):
             return previous
-        times = self.options.prices.instants
-        ahead = poses_ahead(self.options.look_ahead, motion, X_WO, V_WO, times)
+        times = self.options.costs.instants
+        predicted = predicted_poses(self.options.prediction, motion, X_WO, V_WO, times)
         q = np.ascontiguousarray(q, dtype=float)
-        return self.search.update(previous, time, grasps, ahead, q)
+        return self.search.update(previous, time, grasps, predicted, q)
 
     def requested_velocity(
         self, q: Array, solutions: Solutions, time: float, X_WO: Array, V_WO: Array
@@ -252,7 +257,7 @@ class JointSpaceControl:
             solutions.arm_angle,
             solutions.cost,
             solutions.length_scale,
-            options.funnel.parameters,
+            options.corridor.parameters,
             (options.gain, options.max_speed, options.feed_forward),
         )
         return np.asarray(qd)
@@ -286,9 +291,9 @@ class JointSpaceControl:
             is not finite, the arm stops, within its acceleration limits.
         """
         qd = self.requested_velocity(q, solutions, time, X_WO, V_WO)
-        X_FG, funnel = self.reachability.gripper.X_FG, self.options.funnel
-        moving = kept_off(surface, q, X_WO, V_WO, X_FG, solutions.X_OG, funnel)
-        if moving is not None and moving.astray:
+        X_FG, corridor = self.reachability.gripper.X_FG, self.options.corridor
+        moving = scheduled_obstacle(surface, q, X_WO, V_WO, X_FG, solutions.X_OG, corridor)
+        if moving is not None and moving.misaligned:
             return retreat_velocity(
                 self.safety, q, X_FG, moving, qd_last=qd_last, obstacles=obstacles
             )

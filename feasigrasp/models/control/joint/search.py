@@ -19,11 +19,11 @@ from feasigrasp.models.control.joint.judged import JudgedSolutions, judge_kernel
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.planning.continuation import branch_kernel, flange_pose_kernel
-from feasigrasp.models.control.planning.prices import Prices
+from feasigrasp.models.control.planning.cost_weights import CostWeights
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
+from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, standoff_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.ik.arm_circle import arm_angle_kernel
+from feasigrasp.models.ik.self_motion import arm_angle_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -44,15 +44,15 @@ class SolutionSearch:
 
     Attributes:
         reachability: Limits, clearances and the hand.
-        funnel: The way into a grasp.
-        prices: What solutions cost.
+        corridor: The way into a grasp.
+        costs: What solutions cost.
         options: Which solutions are kept.
         period: Time between updates [s].
     """
 
     reachability: Reachability
-    funnel: Funnel
-    prices: Prices
+    corridor: ApproachCorridor
+    costs: CostWeights
     options: SolutionOptions
     period: float
 
@@ -76,7 +76,7 @@ class SolutionSearch:
         X_OG = grasps.X_OG
         angles, costs, scale = previous.at(min(max(time - previous.time, 0.0), self.period))
         grasp = matches(previous.X_OG, X_OG)
-        rates = self.prices.grasp_rates(grasps)
+        rates = self.costs.grasp_rates(grasps)
         of_grasp = np.append(rates, 0.0)[grasp]  # 0 without a grasp, -1
         old = self._items(
             *(previous.X_OG, grasp, of_grasp, previous.branch, angles[:, 0], angles[:, 1]),
@@ -148,8 +148,8 @@ class SolutionSearch:
         configurations, reached = np.empty((n, IIWA_7.joints)), np.zeros(n, dtype=bool)
         target, better = np.zeros(n), np.zeros(n)
         judge_kernel(
-            *(q, X_FG, X_WO, X_OG, grasp_rates, standoffs, branch, psi, self.prices.instants),
-            *(self.reachability.search, self.prices.record),
+            *(q, X_FG, X_WO, X_OG, grasp_rates, standoffs, branch, psi, self.costs.instants),
+            *(self.reachability.search, self.costs.record),
             *(configurations, reached, target, better),
         )
         target *= self.options.radians_per_second
@@ -175,7 +175,7 @@ class SolutionSearch:
             [old.q[old.grasp == g] for g in looked_at],
             self.options.per_grasp,
             self.reachability.search,
-            self.prices,
+            self.costs,
             self.options.radians_per_second,
         )
         grasp = np.repeat(looked_at, [len(one) for one in found])
@@ -212,7 +212,7 @@ class SolutionSearch:
 
     def _standoffs(self, X_OG: Array, X_WO: Array, q: Array) -> Array:
         X_OH = se3.inverse(X_WO) @ forward_kinematics(q, self.reachability.gripper.X_FG)
-        return np.array([standoff_kernel(X, X_OH, self.funnel.parameters) for X in X_OG])
+        return np.array([standoff_kernel(X, X_OH, self.corridor.parameters) for X in X_OG])
 
 
 def _apart(configurations: Array, q: Array) -> Array:

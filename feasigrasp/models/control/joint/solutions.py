@@ -15,11 +15,11 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.planning.continuation import (
+    candidate_velocity_kernel,
     flange_pose_kernel,
     solve_kernel,
-    strand_velocity_kernel,
 )
-from feasigrasp.models.grasps.funnel import standoff_kernel
+from feasigrasp.models.grasps.approach_corridor import standoff_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 
@@ -87,7 +87,7 @@ class Solutions(Frozen):
 
 
 @compiled
-def place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q, index):
+def place_kernel(X_WO, X_OH, X_OG, branch, angles, corridor, X_GF, X_WF, q, index):
     """Writes the flange poses and configurations of all solutions that the arm may take.
 
     ``X_WF`` (n, 4, 4), ``q`` (n, 7) and ``index`` (n,), which solution each is, are filled from the
@@ -95,7 +95,7 @@ def place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q, index)
     """
     count = 0
     for i in range(len(branch)):
-        standoff = standoff_kernel(X_OG[i], X_OH, funnel)
+        standoff = standoff_kernel(X_OG[i], X_OH, corridor)
         flange_pose_kernel(X_WO, X_OG[i], standoff, X_GF, X_WF[count])
         reached = solve_kernel(X_WF[count], branch[i], angles[i, 0], q[count])
         if reached and inside_limits_kernel(q[count], IIWA_7.position_margin):
@@ -117,7 +117,7 @@ def feed_forward_kernel(X_WF, V_WO, p_WO, branch, angles, index, weights, q, mos
     for k in range(len(index)):
         if weights[k] > _NEGLIGIBLE:
             i = index[k]
-            if strand_velocity_kernel(
+            if candidate_velocity_kernel(
                 X_WF[k], V_WO, p_WO, branch[i], angles[i, 0], angles[i, 1], q[k], moved, one
             ):
                 for j in range(IIWA_7.joints):

@@ -11,13 +11,13 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.planning.prices import Prices, rate_kernel
-from feasigrasp.models.ik.arm_circle import (
-    arm_angle_kernel,
-    arm_circle_kernel,
-    configuration_kernel,
-)
+from feasigrasp.models.control.planning.cost_weights import CostWeights, running_cost_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
+from feasigrasp.models.ik.self_motion import (
+    arm_angle_kernel,
+    configuration_kernel,
+    self_motion_kernel,
+)
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.reach.kernels import Search
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
@@ -28,7 +28,9 @@ APART = 1.0
 
 
 #: A function with the arguments of `closed_form_configurations`, and its results.
-FindConfigurations = Callable[[Array, Array, list[Array], int, Search, Prices, float], list[Array]]
+FindConfigurations = Callable[
+    [Array, Array, list[Array], int, Search, CostWeights, float], list[Array]
+]
 
 
 @compiled
@@ -63,9 +65,9 @@ def select_kernel(candidates, scores, known, search, found):
 
 
 @compiled
-def _closed_form(X_WF, q_now, known, search, prices, worth, found):
+def _closed_form(X_WF, q_now, known, search, costs, worth, found):
     """All branches at the arm angles of the search and at that of now; returns how many."""
-    circle = arm_circle_kernel(X_WF)
+    circle = self_motion_kernel(X_WF)
     if not circle.reached or len(found) == 0:
         return 0
     psis = search.psis
@@ -78,7 +80,9 @@ def _closed_form(X_WF, q_now, known, search, prices, worth, found):
             q = candidates[count]
             configuration_kernel(circle, s, c, branch, q)
             if inside_limits_kernel(q, search.limit_margin):
-                scores[count] = distance_kernel(q, q_now) + worth * rate_kernel(q, 0.0, prices[0])
+                scores[count] = distance_kernel(q, q_now) + worth * running_cost_kernel(
+                    q, 0.0, costs[0]
+                )
                 count += 1
     return select_kernel(candidates, scores[:count], known, search, found) if count > 0 else 0
 
@@ -89,7 +93,7 @@ def closed_form_configurations(
     known: list[Array],
     per_pose: int,
     search: Search,
-    prices: Prices,
+    costs: CostWeights,
     radians_per_second: float,
 ) -> list[Array]:
     """Configurations of flange poses that are not known yet.
@@ -100,16 +104,16 @@ def closed_form_configurations(
         known: Configurations of each pose that are known, shape (k, 7) each.
         per_pose: How many there may be of each pose, the known ones counted.
         search: Limits and clearances.
-        prices: What a posture costs, over their horizon.
+        costs: What a posture costs, over their horizon.
         radians_per_second: How far it is worth going for a second.
 
     Returns:
         For each pose, shape (j, 7), best first.
     """
-    worth = radians_per_second * prices.times[-1]
+    worth = radians_per_second * costs.times[-1]
     result = []
     for X, taken in zip(X_WF, known, strict=True):
         found = np.empty((max(per_pose - len(taken), 0), IIWA_7.joints))
-        count = _closed_form(X, q_now, taken, search, prices.record, worth, found)
+        count = _closed_form(X, q_now, taken, search, costs.record, worth, found)
         result.append(found[:count])
     return result

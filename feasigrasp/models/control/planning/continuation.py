@@ -9,8 +9,8 @@ object and arm angle do.
 from __future__ import annotations
 
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.ik.arm_circle import arm_circle_kernel, configuration_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
+from feasigrasp.models.ik.self_motion import configuration_kernel, self_motion_kernel
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.robot.iiwa import IIWA_7
 
@@ -55,7 +55,7 @@ def flange_pose_kernel(X_WO, X_OG, standoff, X_GF, X_WF):
 @compiled(forceinline=True)
 def solve_kernel(X_WF, branch, psi, q):
     """Writes the configuration (7,); False if the wrist is out of reach."""
-    circle = arm_circle_kernel(X_WF)
+    circle = self_motion_kernel(X_WF)
     if not circle.reached:
         return False
     s, c = fast_sincos(psi)
@@ -81,7 +81,7 @@ def stand_behind_kernel(X_OG, standoff, X_WO, X_GF, branch, psi, margin, X_WF, q
 
 
 @compiled
-def strand_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, qd):
+def candidate_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, qd):
     """Writes the velocity (7,) of a strand at a flange pose; ``moved`` (4, 4) is scratch.
 
     The closed form's derivative along the twist and the arm angle: the inverse of the Jacobian with

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from feasigrasp.models.clouds.seen_space import SCENE_VOXEL
+from feasigrasp.models.clouds.observed_space import SCENE_VOXEL
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
 from feasigrasp.models.shape.grids import ARM_BOX

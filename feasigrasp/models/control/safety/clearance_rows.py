@@ -28,7 +28,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 MOST_OBJECT_ROWS = 64
 #: Share of the speed of approach that is left in the reserve. Were nothing left, or had the hand to
 #: leave it, fingers on both sides of an object could get stuck.
-_IN_RESERVE = 0.2
+_SLOW_APPROACH = 0.2
 #: No point of the arm is farther from a joint's axis [m]; a bound on how a joint moves it.
 _LEVER = 1.5
 _UP = (0.0, 0.0, 1.0)
@@ -136,7 +136,20 @@ def rows_kernel(R, p, lower, upper, options, body, grid, frame, rows, bounds):
 
 @compiled
 def object_rows_kernel(
-    R, p, lower, upper, options, guarded, grid, frame, X_WO, V_WO, reserve, most, rows, bounds
+    R,
+    p,
+    lower,
+    upper,
+    options,
+    guarded,
+    grid,
+    frame,
+    X_WO,
+    V_WO,
+    extra_clearance,
+    most,
+    rows,
+    bounds,
 ):
     """Writes rows (m, 7) and bounds (m,) that keep arm and hand off a moving object; returns m.
 
@@ -145,8 +158,8 @@ def object_rows_kernel(
     small clearance, and balls that cover the arm, which keep the one to obstacles. Either may
     approach the surface at most at gain x what is left beyond the clearance, a slow hand at a
     larger one, relative to the surface as it moves: ``n . (v_point - v_surface)``; points of the
-    hand that are no farther off than the ``reserve`` a lot slower. Of more than ``most`` those are
-    kept that ask for the greatest speed away from it.
+    hand that are no farther off than the ``extra_clearance`` a lot slower. Of more than ``most``
+    those are kept that ask for the greatest speed away from it.
     """
     if grid.size == 0 or not np.isfinite(X_WO.sum() + V_WO.sum()):
         return 0
@@ -176,7 +189,7 @@ def object_rows_kernel(
         if radius == 0.0:
             left = distance - options.object_clearance
             # Within the clearance, left < 0, there is no reserve any more.
-            left = max(left - reserve, min(left, _IN_RESERVE * left))
+            left = max(left - extra_clearance, min(left, _SLOW_APPROACH * left))
             allowed = min(options.object_gain * left, options.slow + options.approach_gain * left)
         else:
             allowed = options.approach_gain * (distance - radius - options.obstacle_clearance)

@@ -27,7 +27,7 @@ class CommandGuard:
 
     Attributes:
         moving: Whether any joint is still commanded to move.
-        heard: Whether there is a request that is not too old.
+        received: Whether there is a request that is not too old.
     """
 
     #: The driver stops for good when it is commanded sooner than 0.25 s after its first status [s].
@@ -60,10 +60,10 @@ class CommandGuard:
         """
         self._period, self._speed = period, speed
         self._q, self._v = np.zeros(IIWA_7.joints), np.zeros(IIWA_7.joints)
-        self._time = self._since = self._heard_at = -np.inf
+        self._time = self._since = self._received_at = -np.inf
         self._requested, self._rate = np.zeros(IIWA_7.joints), np.zeros(IIWA_7.joints)
         self._stamp = -np.inf
-        self.moving = self.heard = False
+        self.moving = self.received = False
 
     def request(self, stamp: float, q: Array) -> bool:
         """Takes in where the arm should be; says whether that can be used.
@@ -78,12 +78,12 @@ class CommandGuard:
         if np.shape(q) != (IIWA_7.joints,) or not np.isfinite(q).all():
             return False
         step = stamp - self._stamp
-        if step <= 0.0 and self._time - self._heard_at <= self.SILENCE:
+        if step <= 0.0 and self._time - self._received_at <= self.SILENCE:
             return False
         known = 0.0 < step <= self.SILENCE
         self._rate = (q - self._requested) / step if known else np.zeros(IIWA_7.joints)
         self._requested, self._stamp = np.array(q, dtype=float), stamp
-        self._heard_at = self._time
+        self._received_at = self._time
         return True
 
     def command(self, time: float, measured: Array) -> Array | None:
@@ -94,7 +94,7 @@ class CommandGuard:
             measured: Measured positions [rad], shape (7,).
         """
         if not 0.0 <= time - self._time <= self.SILENCE:
-            self._since, self._heard_at = time, -np.inf
+            self._since, self._received_at = time, -np.inf
             self._q, self._v = np.array(measured, dtype=float), np.zeros(IIWA_7.joints)
         self._time = time
         if time - self._since < self.START_AFTER:
@@ -105,11 +105,11 @@ class CommandGuard:
         return self._q.copy()
 
     def _step(self, time: float, measured: Array) -> None:
-        age = time - self._heard_at
+        age = time - self._received_at
         near = np.abs(self._requested - measured).max() <= self.MAX_DISTANCE
-        self.heard = bool(age <= self.DEADLINE + 1e-9 and near)
+        self.received = bool(age <= self.DEADLINE + 1e-9 and near)
         wish = np.zeros(IIWA_7.joints)
-        if self.heard:
+        if self.received:
             # What is sent now counts at the end of the period, like the request that is prolonged.
             left = self._requested + (age - self._period) * self._rate - self._q
             limit = self.SPEED * self._speed * np.array(IIWA_7.velocity_limits)

@@ -76,7 +76,7 @@ def problem_kernel(
     object_frame,
     X_WO,
     V_WO,
-    reserve,
+    extra_clearance,
     matrix,
     vector,
 ):
@@ -112,7 +112,7 @@ def problem_kernel(
     )
     total = m + object_rows_kernel(
         *(R, p, lower, upper, settings, guarded, object_grid, object_frame, X_WO, V_WO),
-        *(reserve, MOST_OBJECT_ROWS, matrix[7 + m :], lower[7 + m :]),
+        *(extra_clearance, MOST_OBJECT_ROWS, matrix[7 + m :], lower[7 + m :]),
     )
     upper[7 : 7 + total] = _UNBOUNDED
     if not _write_request(

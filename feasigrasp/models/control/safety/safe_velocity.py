@@ -231,7 +231,7 @@ class SafetyFilter(Frozen):
             return qd
         return np.clip(0.0, lower[: IIWA_7.joints], upper[: IIWA_7.joints])
 
-    def rehearse(self) -> None:
+    def warm_up(self) -> None:
         """Calls what else would be fetched inside the first tick that has no solution."""
         stop_kernel(np.eye(IIWA_7.joints), np.zeros(IIWA_7.joints))
         brake_kernel(_NONE, self.options.acceleration_scale, self.options.period)
@@ -278,7 +278,7 @@ class SafetyFilter(Frozen):
             target.grid.frame,
             target.X_WO,
             target.V_WO,
-            float(target.reserve),
+            float(target.extra_clearance),
             matrix,
             vector,
         )

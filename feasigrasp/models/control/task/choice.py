@@ -29,18 +29,18 @@ import numpy as np
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.choices import parse_choice
-from feasigrasp.models.control.planning.continuation import branch_kernel
-from feasigrasp.models.control.planning.outlook import LookAhead
-from feasigrasp.models.control.planning.prices import Prices, instant_at
-from feasigrasp.models.control.planning.strands import strands_kernel
-from feasigrasp.models.control.planning.transfers import (
+from feasigrasp.models.control.planning.branch_switches import (
+    BranchSwitch,
     Plan,
-    Transfer,
-    stay_kernel,
-    transfer_kernel,
+    branch_switch_kernel,
+    remaining_cost_kernel,
 )
+from feasigrasp.models.control.planning.candidate_graph import candidate_graph_kernel
+from feasigrasp.models.control.planning.continuation import branch_kernel
+from feasigrasp.models.control.planning.cost_weights import CostWeights, instant_at
+from feasigrasp.models.control.planning.predicted_poses import PredictionModel
 from feasigrasp.models.control.task.target import neighbours
-from feasigrasp.models.grasps.funnel import Funnel, grasp_errors
+from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, grasp_errors
 from feasigrasp.models.ik.closed_form import arm_angle
 from feasigrasp.models.reach.reachability import Reachability
 
@@ -55,25 +55,25 @@ class ChoiceOptions:
     """When another grasp is chosen.
 
     Attributes:
-        prices: How far is looked ahead, and what is charged.
-        look_ahead: What the object is taken to do meanwhile, a `LookAhead`.
+        costs: How far is looked ahead, and what is charged.
+        prediction: What the object is taken to do meanwhile, a `PredictionModel`.
         hysteresis: A grasp is kept at least so long [s].
         commitment: Another strand must be better by this much [s], and so must it be to be on this
             one later than was planned before.
         temperature: Grasps near the chosen one weigh e times less per so much cost [s].
         neighbourhood: How near that is [m], see `neighbours`; 0 for none but the chosen one.
         smoothing: Share of the way to a new arm angle that is gone when a choice is confirmed.
-        funnel: The way into a grasp.
+        corridor: The way into a grasp.
     """
 
-    prices: Prices = field(default_factory=Prices)
-    look_ahead: str = LookAhead.PREDICTED
+    costs: CostWeights = field(default_factory=CostWeights)
+    prediction: str = PredictionModel.PREDICTED
     hysteresis: float = 0.3
     commitment: float = 1.0
     temperature: float = 0.2
     neighbourhood: float = 0.04
     smoothing: float = 0.25
-    funnel: Funnel = field(default_factory=Funnel)
+    corridor: ApproachCorridor = field(default_factory=ApproachCorridor)
 
     def __post_init__(self) -> None:
         """Checks the word.
@@ -81,7 +81,7 @@ class ChoiceOptions:
         Raises:
             ControlError: There is no such look-ahead.
         """
-        parse_choice(LookAhead, self.look_ahead, "look_ahead", ControlError)
+        parse_choice(PredictionModel, self.prediction, "prediction", ControlError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +90,10 @@ class GraspChoice(Frozen):
 
     Attributes:
         X_OG: The grasp in the object frame, shape (4, 4) [m].
-        branch: Its inverse-kinematics branch, see `feasigrasp.models.ik.arm_circle`; -1 for no
+        branch: Its inverse-kinematics branch, see `feasigrasp.models.ik.self_motion`; -1 for no
             choice.
-        psi: Arm angle to be at by the time ``due`` [rad].
-        due: When that is [s].
+        psi: Arm angle to be at by the time ``interception_time`` [rad].
+        interception_time: When that is [s].
         since: When this strand was chosen [s].
         count: How many times another strand was chosen.
         cost: Of the plan [s].
@@ -106,7 +106,7 @@ class GraspChoice(Frozen):
     X_OG: Array = field(default_factory=lambda: np.eye(4))
     branch: int = -1
     psi: float = 0.0
-    due: float = 0.0
+    interception_time: float = 0.0
     since: float = -np.inf
     count: int = 0
     cost: float = np.inf
@@ -144,9 +144,9 @@ def choose_grasp(
         q: Joint positions [rad], shape (7,).
         X_OG: Hand poses to choose from, flips included, in the object frame, shape (n, 4, 4) [m].
         grasp_rates: What a second at each of them costs by itself, shape (n,), see
-            `Prices.grasp_rates`.
+            `CostWeights.grasp_rates`.
         X_WO: Predicted poses of the object, shape (K + 1, 4, 4), at the instants
-            ``options.prices.instants_from(t, choice.due)``.
+            ``options.costs.instants_from(t, choice.interception_time)``.
         reachability: Tells which configurations are admissible.
         options: Horizon and prices.
         committed: Whether the hand is closing, or has closed, on the first of the grasps. Then it
@@ -160,27 +160,27 @@ def choose_grasp(
     if len(X_OG) == 0 or not (np.isfinite(X_WO).all() and np.isfinite(q).all()):
         return GraspChoice(count=choice.count)
     X_FG, X_GF = reachability.gripper.X_FG, np.linalg.inv(reachability.gripper.X_FG)
-    times, prices = options.prices.instants_from(t, choice.due), options.prices.record
+    times, costs = options.costs.instants_from(t, choice.interception_time), options.costs.record
     search = reachability.search
     # Copies, so that no kernel is compiled twice, for arrays that may and may not be written.
     poses, grasps = np.array(X_WO, dtype=float), np.array(X_OG, dtype=float)
-    strands = strands_kernel(q, poses, times, grasps, grasp_rates, X_GF, search, prices)
-    ways = Plan(strands, poses, times, grasps, X_FG, options.funnel.parameters, search, prices)
+    graph = candidate_graph_kernel(q, poses, times, grasps, grasp_rates, X_GF, search, costs)
+    problem = Plan(graph, poses, times, grasps, X_FG, options.corridor.parameters, search, costs)
     if committed:
         choice = _held(choice, t, q, grasps[0], float(grasp_rates[0]))
-    nobody, present = (-1, -1), 0 if committed else present_index(choice, grasps)
+    no_candidate, present = (-1, -1), 0 if committed else present_index(choice, grasps)
     plan, margin = None, 0.0
     if present >= 0:
-        plan = _confirmed(q, present, choice, t, ways, options)
+        plan = _confirmed(q, present, choice, t, problem, options)
         kept = plan.grasp >= 0 and t - choice.since < options.hysteresis
         margin = np.inf if kept else options.commitment
     if committed and (plan is None or plan.grasp < 0):
         return choice
     if not committed:
-        skipped = nobody if plan is None else (present, choice.branch)
-        other = transfer_kernel(q, 0, len(times) - 1, nobody, skipped, ways)
+        skipped = no_candidate if plan is None else (present, choice.branch)
+        other = branch_switch_kernel(q, 0, len(times) - 1, no_candidate, skipped, problem)
         if plan is None or plan.grasp < 0 or other.cost < plan.cost - margin:
-            return _changed(choice, t, q, other, grasp_rates, reachability, ways, options)
+            return _changed(choice, t, q, other, grasp_rates, reachability, problem, options)
     assert plan is not None
     # The arm angles are a grid: a part of the way each time makes a smooth path of it.
     change = (_arm_angle(reachability, plan.angle) - choice.psi + np.pi) % (2.0 * np.pi) - np.pi
@@ -193,7 +193,7 @@ def choose_grasp(
         choice.count,
         plan.cost,
         grasp_rates[present],
-        *_weighed(q, present, choice.branch, ways, options),
+        *_weighed(q, present, choice.branch, problem, options),
     )
 
 
@@ -201,25 +201,25 @@ def _changed(
     choice: GraspChoice,
     t: float,
     q: Array,
-    way: Transfer,
+    way: BranchSwitch,
     grasp_rates: Array,
     reachability: Reachability,
-    ways: Plan,
+    problem: Plan,
     options: ChoiceOptions,
 ) -> GraspChoice:
     """The choice of the strand that a way leads to; none if it leads nowhere."""
     if way.grasp < 0:
         return GraspChoice(count=choice.count)
     return GraspChoice(
-        ways.X_OG[way.grasp],
+        problem.X_OG[way.grasp],
         way.branch,
         _arm_angle(reachability, way.angle),
-        t + ways.times[way.instant],
+        t + problem.times[way.instant],
         t,
         choice.count + 1,
         way.cost,
         grasp_rates[way.grasp],
-        *_weighed(q, way.grasp, way.branch, ways, options),
+        *_weighed(q, way.grasp, way.branch, problem, options),
     )
 
 
@@ -235,14 +235,14 @@ def _held(choice: GraspChoice, t: float, q: Array, X_OG: Array, rate: float) -> 
 
 
 def _confirmed(
-    q: Array, grasp: int, choice: GraspChoice, t: float, ways: Plan, options: ChoiceOptions
-) -> Transfer:
+    q: Array, grasp: int, choice: GraspChoice, t: float, problem: Plan, options: ChoiceOptions
+) -> BranchSwitch:
     """The plan of going on with a strand: on it when that was planned before, if possible."""
-    plan, _ = stay_kernel(q, len(ways.times) - 1, grasp, choice.branch, ways)
-    if plan.grasp < 0 or t >= choice.due:
+    plan, _ = remaining_cost_kernel(q, len(problem.times) - 1, grasp, choice.branch, problem)
+    if plan.grasp < 0 or t >= choice.interception_time:
         return plan
-    due = instant_at(choice.due - t, ways.times)
-    kept, _ = stay_kernel(q, due, grasp, choice.branch, ways)
+    interception_time = instant_at(choice.interception_time - t, problem.times)
+    kept, _ = remaining_cost_kernel(q, interception_time, grasp, choice.branch, problem)
     return kept if kept.grasp >= 0 and kept.cost < plan.cost + options.commitment else plan
 
 
@@ -259,12 +259,14 @@ def present_index(choice: GraspChoice, X_OG: Array) -> int:
 
 
 def _weighed(
-    q: Array, index: int, branch: int, ways: Plan, options: ChoiceOptions
+    q: Array, index: int, branch: int, problem: Plan, options: ChoiceOptions
 ) -> tuple[Array, Array]:
     """Steps to the grasps round one that can be held in its branch, and their weights."""
-    some, steps = neighbours(ways.X_OG, index, options.neighbourhood)
-    end = len(ways.times) - 1
-    cost = np.array([transfer_kernel(q, 0, end, (i, branch), (-1, -1), ways).cost for i in some])
+    some, steps = neighbours(problem.X_OG, index, options.neighbourhood)
+    end = len(problem.times) - 1
+    cost = np.array(
+        [branch_switch_kernel(q, 0, end, (i, branch), (-1, -1), problem).cost for i in some]
+    )
     if not np.isfinite(cost[0]):
         return steps[:1], np.ones(1)
     weights = np.exp(np.minimum((cost[0] - cost) / options.temperature, _MOST))

@@ -16,7 +16,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.control.task.target import LENGTH_PER_RADIAN
-from feasigrasp.models.grasps.funnel import grasp_errors_kernel
+from feasigrasp.models.grasps.approach_corridor import grasp_errors_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.mixtures.fit import fit_best_mixture
 from feasigrasp.models.mixtures.mixture import RiemannianMixture

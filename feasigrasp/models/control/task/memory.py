@@ -63,7 +63,7 @@ class TaskMemory(Frozen):
         self,
         time: float,
         q: Array,
-        X_WO_ahead: Array,
+        X_WO_predicted: Array,
         reachability: Reachability,
         options: ChoiceOptions,
         *,
@@ -76,15 +76,15 @@ class TaskMemory(Frozen):
         Args:
             time: Present time [s].
             q: Joint positions [rad], shape (7,).
-            X_WO_ahead: Poses of the object at the instants of the plan, see `choose_grasp`, shape
-                (K + 1, 4, 4).
+            X_WO_predicted: Poses of the object at the instants of the plan, see `choose_grasp`,
+                shape (K + 1, 4, 4).
             reachability: Tells which configurations are admissible.
             options: Horizon and prices of a choice.
             committed: Whether the hand is closing, or has closed, on the one grasp there is.
         """
         X_OG, rates, seen = self.grasps.X_OG, np.zeros(0), self.seen
         if self.mixture is not None:
-            rates = options.prices.grasp_rates(self.grasps, self.mixture.mixture.log_density(X_OG))
+            rates = options.costs.grasp_rates(self.grasps, self.mixture.mixture.log_density(X_OG))
         if self.choice:
             if present_index(self.choice, X_OG) >= 0:
                 seen = time
@@ -92,7 +92,7 @@ class TaskMemory(Frozen):
                 X_OG = np.concatenate([X_OG, self.choice.X_OG[None]])
                 rates = np.append(rates, self.choice.rate)
         choice = choose_grasp(
-            *(self.choice, time, q, X_OG, rates, X_WO_ahead, reachability, options),
+            *(self.choice, time, q, X_OG, rates, X_WO_predicted, reachability, options),
             committed=committed,
         )
         if choice.count != self.choice.count:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array, record
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.task.reference import StrandReference
+from feasigrasp.models.control.task.reference import CandidateReference
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
@@ -58,7 +58,7 @@ class PursuitOptions:
 
 def pursuit_velocity(
     q: Array,
-    reference: StrandReference,
+    reference: CandidateReference,
     X_WO: Array,
     V_WO: Array,
     X_FG: Array,

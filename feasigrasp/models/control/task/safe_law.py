@@ -29,12 +29,16 @@ from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.planning.outlook import poses_ahead
-from feasigrasp.models.control.planning.reserve import is_close, kept_off, retreat_velocity
+from feasigrasp.models.control.planning.clearance_schedule import (
+    is_close,
+    retreat_velocity,
+    scheduled_obstacle,
+)
+from feasigrasp.models.control.planning.predicted_poses import predicted_poses
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
-from feasigrasp.models.control.task.reference import strand_reference
+from feasigrasp.models.control.task.reference import candidate_reference
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel, log_kernel
@@ -63,7 +67,7 @@ from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 _INSTANT = 0.01
 
 
-def object_at_meeting(
+def object_at_interception(
     motion: Motion | None, X_WO: Array, V_WO: Array, left: float, options: ChoiceOptions
 ) -> tuple[Array, Array]:
     """Pose (4, 4) and twist (6,) [angular; linear] of the object in so much time.
@@ -76,12 +80,12 @@ def object_at_meeting(
         options: What the object is taken to do meanwhile.
     """
     times = np.array([left, left + _INSTANT])
-    X, later = poses_ahead(options.look_ahead, motion, X_WO, V_WO, times)
+    X, later = predicted_poses(options.prediction, motion, X_WO, V_WO, times)
     turn = se3.so3_log(later[:3, :3] @ X[:3, :3].T)
     return X, np.concatenate([turn, later[:3, 3] - X[:3, 3]]) / _INSTANT
 
 
-def meeting_velocity(
+def interception_velocity(
     q: Array, v: Array, q_meet: Array, v_meet: Array, left: float, period: float
 ) -> Array:
     """Joint velocity of the next tick (7,) [rad/s], on the way to a meeting.
@@ -232,15 +236,15 @@ def task_space_velocity(
         of the object is not.
     """
     X_FG, chosen = reachability.gripper.X_FG, [choice.X_OG] if choice else []
-    moving = kept_off(surface, q, X_WO, V_WO, X_FG, chosen, options.choice.funnel)
+    moving = scheduled_obstacle(surface, q, X_WO, V_WO, X_FG, chosen, options.choice.corridor)
     if not options.feed_forward:
         V_WO = np.where(np.isfinite(V_WO), 0.0, V_WO)  # an unknown twist still stops the arm
-    reference = strand_reference(choice, time, q, X_WO, V_WO, reachability, options.choice)
+    reference = candidate_reference(choice, time, q, X_WO, V_WO, reachability, options.choice)
     if reference is None:
         return safety.velocity(
             q, np.zeros(IIWA_7.joints), qd_last=qd_last, obstacles=obstacles, moving=moving
         )
-    if moving is not None and moving.astray:
+    if moving is not None and moving.misaligned:
         return retreat_velocity(safety, q, X_FG, moving, qd_last=qd_last, obstacles=obstacles)
     J_WH = np.empty((6, IIWA_7.joints))
     V_WH, away, apart = _steer_kernel(
@@ -254,25 +258,25 @@ def task_space_velocity(
         J_WH,
     )
     travel_time = np.max(np.abs(reference.q - q) / IIWA_7.velocity_limits)
-    away = min(travel_time, away) if reference.on_strand else travel_time
+    away = min(travel_time, away) if reference.on_candidate else travel_time
     far = max(0.0, away / options.near - 1.0)
     request = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options.pursuit)
-    left = choice.due - time
+    left = choice.interception_time - time
     quick = float(np.sqrt(np.sum(V_WO[3:] ** 2)))
     shares = (far, apart / _BESIDE, quick / _QUICK, left / _SOONEST)
     meets = min(min(shares) - 1.0, 1.0)
     if meets > 0.0 and qd_last is not None:
-        meeting = object_at_meeting(motion, X_WO, V_WO, left, options.choice)
-        goal = strand_reference(
-            choice, time, q, X_WO, V_WO, reachability, options.choice, meeting=meeting
+        interception = object_at_interception(motion, X_WO, V_WO, left, options.choice)
+        goal = candidate_reference(
+            choice, time, q, X_WO, V_WO, reachability, options.choice, interception=interception
         )
         if goal is not None:
-            met = meeting_velocity(q, qd_last, goal.q, goal.qd, left, options.safety.period)
+            met = interception_velocity(q, qd_last, goal.q, goal.qd, left, options.safety.period)
             request += meets * (met - request)
     limited = partial(
         safety.velocity, q, request, qd_last=qd_last, obstacles=obstacles, moving=moving
     )
-    if not reference.on_strand or far >= 1.0:
+    if not reference.on_candidate or far >= 1.0:
         return limited()
     V_WH += far * (J_WH @ request - V_WH)
     return limited(J_WH, V_WH)

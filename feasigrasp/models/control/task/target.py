@@ -2,7 +2,7 @@
 
 The grasps near the chosen one, X*, which the arm can hold in the same branch, have weights: of
 their score, of the density of all grasps there, and of what each costs the arm from here on
-(`feasigrasp.models.control.planning.prices`). They make a density, with a bandwidth s::
+(`feasigrasp.models.control.planning.cost_weights`). They make a density, with a bandwidth s::
 
     p(x) = sum_i w_i N(Log_X_i(x); 0, s^2),    s = SHARPNESS * error of the hand beside X*
 

@@ -94,7 +94,7 @@ class Heads(NamedTuple):
     approach: Tensor
     free: Tensor
 
-    def likeliest_width(self) -> tuple[Tensor, Tensor]:
+    def mode_width(self) -> tuple[Tensor, Tensor]:
         """The width of most weight and its spread [m], both (B, n)."""
         best = self.weight.argmax(-1, keepdim=True)
         return self.width.gather(-1, best).squeeze(-1), self.spread.gather(-1, best).squeeze(-1)
@@ -160,8 +160,8 @@ class ContactNetwork(nn.Module):
         r = torch.relu(self.ring_hidden(r))
         free = self.ring_free(r).squeeze(-1)
         judged = torch.cat((h, r.amax(-2), free.amax(-1, keepdim=True)), -1)
-        said = self.last(torch.relu(self.judge(judged)))
-        contact, width, spread, weight = said.split((1, WIDTHS, WIDTHS, WIDTHS), -1)
+        head_outputs = self.last(torch.relu(self.judge(judged)))
+        contact, width, spread, weight = head_outputs.split((1, WIDTHS, WIDTHS, WIDTHS), -1)
         tilt = (self.tilt(vectors) * self.gates(h).unsqueeze(-3)).sum(-1).transpose(-1, -2)
         closing = unit(x.axes + tilt)
         width = (x.chords.unsqueeze(-1) + LENGTH_SCALE * width).clamp_min(NARROWEST)

@@ -90,9 +90,9 @@ def contact_features(
         raise GraspError("the normals of a grasp input must have unit length")
     centred = points - points.mean(0)
     axes, across = -normals, np.empty_like(normals)
-    sure = kind.type(_UNSURE) / (scalars[:, 0] + kind.type(_UNSURE))
+    confidence = kind.type(_UNSURE) / (scalars[:, 0] + kind.type(_UNSURE))
     chosen = farthest_points(centred.astype(float), min(_CLOUD, len(centred)))
-    cloud = (centred[chosen], normals[chosen], sure[chosen])
+    cloud = (centred[chosen], normals[chosen], confidence[chosen])
     _reference_directions(centred, axes, across)
     chord = scalars[:, 1].copy()
     ends, facing = centred + chord[:, None] * axes, (chord > 0.0)[:, None] * axes
@@ -102,10 +102,10 @@ def contact_features(
         centred,
         normals,
         scalars,
-        sure,
-        neighbourhoods(centred, normals, centred, normals, sure, _NEAR_RADII),
+        confidence,
+        neighbourhoods(centred, normals, centred, normals, confidence, _NEAR_RADII),
         neighbourhoods(centred, normals, *cloud, (_WIDE_RADIUS,)),
-        neighbourhoods(ends, facing, centred, normals, sure, (_FAR_RADIUS,)),
+        neighbourhoods(ends, facing, centred, normals, confidence, (_FAR_RADIUS,)),
         kind.type(_COUNT / len(centred)),
         kind.type(_COUNT / len(chosen)),
         vectors,
@@ -127,11 +127,16 @@ def contact_features(
 
 @compiled(nogil=True)
 def _assemble(
-    centred, normals, scalars, sure, near, wide, far, count, wide_count, vectors, numbers
+    centred, normals, scalars, confidence, near, wide, far, count, wide_count, vectors, numbers
 ):
     """Writes vectors and numbers; numbers are logarithms where magnitudes differ widely."""
     kind = centred.dtype.type
-    scale, unsure, least, zero = kind(1.0 / LENGTH_SCALE), kind(_UNSURE), kind(1e-3), kind(0.0)
+    scale, scale_of_deviation, least, zero = (
+        kind(1.0 / LENGTH_SCALE),
+        kind(_UNSURE),
+        kind(1e-3),
+        kind(0.0),
+    )
     largest, six = zero, kind(6.0)
     for i in range(len(centred)):
         square = centred[i, 0] ** 2 + centred[i, 1] ** 2 + centred[i, 2] ** 2
@@ -143,19 +148,19 @@ def _assemble(
             p, n = centred[i, axis] * scale, normals[i, axis]
             vectors[axis, 0, i], vectors[axis, 1, i] = p, n
             vectors[axis, 2, i] = -chord * scale * n
-            vectors[axis, 3, i], vectors[axis, 4, i] = p * sure[i], n * sure[i]
+            vectors[axis, 3, i], vectors[axis, 4, i] = p * confidence[i], n * confidence[i]
             for s in range(2):
                 vectors[axis, 5 + s, i] = near[i, s, 1 + axis]
                 vectors[axis, 7 + s, i] = near[i, s, 4 + axis]
             vectors[axis, 9, i], vectors[axis, 10, i] = wide[i, 0, 1 + axis], wide[i, 0, 4 + axis]
             vectors[axis, 11, i], vectors[axis, 12, i] = far[i, 0, 1 + axis], far[i, 0, 4 + axis]
         hit = chord > zero
-        numbers[0, i] = sure[i]
+        numbers[0, i] = confidence[i]
         numbers[1, i] = np.log(scalars[i, 0] + least) + six
         numbers[2, i] = chord * scale
         numbers[3, i] = kind(1.0) if hit else zero
         numbers[4, i] = scalars[i, 2]
-        numbers[5, i] = unsure / (far_deviation + unsure) if hit else zero
+        numbers[5, i] = scale_of_deviation / (far_deviation + scale_of_deviation) if hit else zero
         numbers[6, i] = np.log(far_deviation + least) + six if hit else zero
         numbers[7, i] = size
         for s in range(2):

@@ -111,7 +111,7 @@ class FusedContactNetwork:
         directions = x.room.shape[1]
         angle = 2.0 * np.pi * np.arange(directions) / directions
         turns = np.stack([np.cos(angle), np.sin(angle)]).astype(kind)
-        said = np.empty((1 + 3 * WIDTHS, n), dtype=kind)
+        head_outputs = np.empty((1 + 3 * WIDTHS, n), dtype=kind)
         tilt = np.empty((3, n), dtype=kind)
         free = np.empty((directions, n), dtype=kind)
         with _threads().limit(limits=1, user_api="blas"):
@@ -127,15 +127,17 @@ class FusedContactNetwork:
                 context,
                 w,
                 self.tilts,
-                said,
+                head_outputs,
                 tilt,
                 free,
             )
         closing, width, spread = np.empty((n, 3)), np.empty(n), np.empty(n)
         approach, score = np.empty((n, modes, 3)), np.empty((n, modes))
         grasps = (closing, width, spread, approach, score)
-        grasps_kernel(x.chords, frames, turns, said, tilt, free, *grasps)
-        contact, score = (1.0 / (1.0 + np.exp(-logit)) for logit in (said[0].astype(float), score))
+        grasps_kernel(x.chords, frames, turns, head_outputs, tilt, free, *grasps)
+        contact, score = (
+            1.0 / (1.0 + np.exp(-logit)) for logit in (head_outputs[0].astype(float), score)
+        )
         spread = LEAST_SPREAD + SPREAD * np.logaddexp(0.0, spread)
         return contact, closing, width, spread, approach, score
 

@@ -173,7 +173,7 @@ def _add_product(x, y, out):
 
 @compiled
 def contacts_kernel(
-    encoded, shift, numbers, room, frames, turns, context, w, tilts, said, tilt, free
+    encoded, shift, numbers, room, frames, turns, context, w, tilts, head_outputs, tilt, free
 ):
     """Writes what is said of contacts, their tilts (3, n), and how free approaches are.
 
@@ -187,7 +187,7 @@ def contacts_kernel(
         context: What the pooled survey adds to the second layer.
         w: The weights.
         tilts: Number of vectors that may tilt the closing direction.
-        said: Written: logit, then `WIDTHS` corrections of the width, spreads and weights.
+        head_outputs: Written: logit, then `WIDTHS` corrections of the width, spreads and weights.
         tilt: Written.
         free: Written.
     """
@@ -246,8 +246,8 @@ def contacts_kernel(
         h = np.dot(w.judge, judged)
         _relu(h, w.judge_bias, zero)
         h = np.dot(w.last, h)
-        for c in range(len(said)):
-            said[c, tile] = h[c] + w.last_bias[c]
+        for c in range(len(head_outputs)):
+            head_outputs[c, tile] = h[c] + w.last_bias[c]
         for axis in range(3):
             total = np.zeros(t, dtype=kind)
             for f in range(tilts):
@@ -256,15 +256,17 @@ def contacts_kernel(
 
 
 @compiled(nogil=True)
-def grasps_kernel(chords, frames, turns, said, tilt, free, closing, width, spread, approach, score):
+def grasps_kernel(
+    chords, frames, turns, head_outputs, tilt, free, closing, width, spread, approach, score
+):
     """Writes grasps, in float64 so that unit vectors are unit; spreads before their softplus."""
     ring, modes = len(free), score.shape[1]
     logits = np.empty(ring)
     for i in range(len(width)):
-        likely = int(np.argmax(said[1 + 2 * WIDTHS :, i]))
-        correction = LENGTH_SCALE * np.float64(said[1 + likely, i])
+        likely = int(np.argmax(head_outputs[1 + 2 * WIDTHS :, i]))
+        correction = LENGTH_SCALE * np.float64(head_outputs[1 + likely, i])
         width[i] = max(chords[i] + correction, NARROWEST)
-        spread[i] = said[1 + WIDTHS + likely, i]
+        spread[i] = head_outputs[1 + WIDTHS + likely, i]
         axis = frames[0, :, i].astype(np.float64)
         b = _unit(axis[0] + tilt[0, i], axis[1] + tilt[1, i], axis[2] + tilt[2, i])
         closing[i, 0], closing[i, 1], closing[i, 2] = b

@@ -46,7 +46,7 @@ def neighbourhoods(
     facing: Floats,
     points: Floats,
     normals: Floats,
-    sure: Floats,
+    confidence: Floats,
     radii: tuple[float, ...],
 ) -> Floats:
     """How a surface bends round some places.
@@ -56,7 +56,7 @@ def neighbourhoods(
         facing: Where the surface that counts faces there, unit, shape (n, 3).
         points: The surface, shape (c, 3) [m].
         normals: Its unit normals, shape (c, 3).
-        sure: How sure each of its points is, shape (c,), in [0, 1].
+        confidence: How sure each of its points is, shape (c,), in [0, 1].
         radii: Of the neighbourhoods [m].
 
     Returns:
@@ -67,7 +67,7 @@ def neighbourhoods(
     means = np.empty((len(centers), len(radii), 8), dtype=points.dtype)
     # Sorted along the longest side, so that most of the surface can be passed over.
     axis = int(np.argmax(points.max(0) - points.min(0)))
-    cloud = np.concatenate([points, normals, sure[:, None]], axis=1)
+    cloud = np.concatenate([points, normals, confidence[:, None]], axis=1)
     cloud = np.ascontiguousarray(cloud[np.argsort(points[:, axis])].T)
     neighbourhood_kernel(centers, facing, cloud, np.array(radii, dtype=points.dtype), axis, means)
     return means
@@ -79,7 +79,7 @@ def hand_room(
     across: Floats,
     widths: Floats,
     cloud: Floats,
-    sure: Floats,
+    confidence: Floats,
     gripper: ParallelGripper,
     directions: int,
 ) -> Floats:
@@ -91,7 +91,7 @@ def hand_room(
         across: The approach direction of angle zero, unit and across the axis, shape (n, 3).
         widths: Distances to the contacts opposite, shape (n,) [m].
         cloud: Surface of the object, shape (c, 3) [m].
-        sure: How sure each of its points is, shape (c,), in [0, 1].
+        confidence: How sure each of its points is, shape (c,), in [0, 1].
         gripper: The hand.
         directions: Their number K, even; direction k lies at the angle 2 pi k / K about the axis.
 
@@ -108,7 +108,7 @@ def hand_room(
         across,
         kind(0.5) * widths,
         np.ascontiguousarray(cloud.T),
-        sure,
+        confidence,
         turns,
         HandSizes(*np.array(_hand_sizes(gripper), dtype=kind)),
         kind(REACH),

@@ -76,7 +76,7 @@ def _neighbourhood(x, y, z, u, v, w, cloud, start, stop, inverse, one, zero, out
     wide_vectors()
     xs, ys, zs = cloud[0, start:stop], cloud[1, start:stop], cloud[2, start:stop]
     us, vs, ws = cloud[3, start:stop], cloud[4, start:stop], cloud[5, start:stop]
-    sure = cloud[6, start:stop]
+    confidence = cloud[6, start:stop]
     total, su, sv, sw, sx, sy, sz, sq = zero, zero, zero, zero, zero, zero, zero, zero
     for j in range(len(xs)):
         a, b, c = xs[j] - x, ys[j] - y, zs[j] - z
@@ -89,13 +89,15 @@ def _neighbourhood(x, y, z, u, v, w, cloud, start, stop, inverse, one, zero, out
         sx += weight * a
         sy += weight * b
         sz += weight * c
-        sq += weight * sure[j]
+        sq += weight * confidence[j]
     out[0], out[1], out[2], out[3] = total, su, sv, sw
     out[4], out[5], out[6], out[7] = sx, sy, sz, sq
 
 
 @compiled(nogil=True, fastmath=True)
-def room_kernel(points, axes, across, half_widths, cloud, sure, turns, hand, reach, share, room):
+def room_kernel(
+    points, axes, across, half_widths, cloud, confidence, turns, hand, reach, share, room
+):
     """Writes `hand_room` (ROOM, K, n)."""
     wide_vectors()
     sums = np.empty((len(turns), room.shape[0]), dtype=points.dtype)
@@ -110,7 +112,7 @@ def room_kernel(points, axes, across, half_widths, cloud, sure, turns, hand, rea
         _project(x, y, z, b, u, v, half, cloud, hand, profile)
         for k in range(opposite):
             cos, sin = turns[k, 0], turns[k, 1]
-            _directions(cos, sin, profile, sure, hand, reach, sums[k], sums[k + opposite])
+            _directions(cos, sin, profile, confidence, hand, reach, sums[k], sums[k + opposite])
         for f in range(room.shape[0]):
             for k in range(len(turns)):
                 room[f, k, i] = np.sqrt(np.sqrt(sums[k, f] * share))
@@ -138,7 +140,7 @@ def _project(x, y, z, b, u, v, half, cloud, hand, profile):
 
 
 @compiled(forceinline=True, fastmath=True)
-def _directions(cos, sin, profile, sure, hand, reach, out, opposite):
+def _directions(cos, sin, profile, confidence, hand, reach, out, opposite):
     """Sums of the fourth powers for an approach direction and its opposite.
 
     z lies along the approach and y across; for the opposite one both change sign.
@@ -148,7 +150,7 @@ def _directions(cos, sin, profile, sure, hand, reach, out, opposite):
     zero = reach - reach
     a0, a1, a2, a3, a4, a5, a6 = zero, zero, zero, zero, zero, zero, zero
     b0, b1, b2, b3, b4, b5, b6 = zero, zero, zero, zero, zero, zero, zero
-    for j in range(len(sure)):
+    for j in range(len(confidence)):
         z = cos * p[j] + sin * q[j]
         y = sin * p[j] - cos * q[j]
         beside = abs(y)
@@ -158,10 +160,10 @@ def _directions(cos, sin, profile, sure, hand, reach, out, opposite):
 
         shape = (finger[j], finger_y, way[j], palm_xy, left, right)
         f, p4, w, l4, r4 = _one_way(z, shape, hand, reach, zero)
-        a0, a1, a2, a3 = a0 + f, a1 + f * sure[j], a2 + p4, a3 + p4 * sure[j]
+        a0, a1, a2, a3 = a0 + f, a1 + f * confidence[j], a2 + p4, a3 + p4 * confidence[j]
         a4, a5, a6 = a4 + w, a5 + l4, a6 + r4
         f, p4, w, l4, r4 = _one_way(-z, shape, hand, reach, zero)
-        b0, b1, b2, b3 = b0 + f, b1 + f * sure[j], b2 + p4, b3 + p4 * sure[j]
+        b0, b1, b2, b3 = b0 + f, b1 + f * confidence[j], b2 + p4, b3 + p4 * confidence[j]
         b4, b5, b6 = b4 + w, b5 + l4, b6 + r4
     out[0], out[1], out[2], out[3], out[4], out[5] = a0, a1, a2, a3, a4, min(a5, a6)
     opposite[0], opposite[1], opposite[2] = b0, b1, b2

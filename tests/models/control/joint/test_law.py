@@ -11,12 +11,12 @@ from feasigrasp.models.control.joint.law import (
 )
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.planning.prices import Prices
+from feasigrasp.models.control.planning.cost_weights import CostWeights
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.funnel import Funnel
+from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.motion import HarmonicMotion
-from feasigrasp.models.reach.lookahead import judge_grasps
+from feasigrasp.models.reach.predicted_reachability import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.self_collision import min_distance
@@ -25,7 +25,7 @@ HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 REACHABILITY = Reachability()
 X_FG = REACHABILITY.gripper.X_FG
 OPTIONS = JointControlOptions()
-NO_FUNNEL = JointControlOptions(funnel=Funnel(max_standoff=0.0))
+NO_CORRIDOR = JointControlOptions(corridor=ApproachCorridor(max_standoff=0.0))
 PERIOD, DT = 0.05, 0.005
 STILL = np.zeros(6)
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
@@ -113,7 +113,7 @@ def test_without_feed_forward_it_lags_by_speed_over_gain(ring_of_grasps, roll_ou
     close = X_WO @ one.X_OG[0] @ se3.exp([0, 0.05, 0, 0.01, 0, -0.02])
     q = REACHABILITY.nearest(close, HOME)[0][0]
     still = SolutionOptions(per_grasp=1, glide=0.0)
-    options = replace(NO_FUNNEL, feed_forward=feed_forward, solutions=still)
+    options = replace(NO_CORRIDOR, feed_forward=feed_forward, solutions=still)
     lag = roll_out(Controller(one, options), motion, one, q, 2.0).worst_after(1.5)[0]
     if feed_forward:
         assert lag < 0.5
@@ -151,7 +151,7 @@ def test_an_object_that_is_nowhere_stops_the_arm_and_is_taken_up_again(ring_of_g
 
 def test_one_solution_is_approached_in_a_straight_line(ring_of_grasps):
     """With one solution the field is the Euclidean distance: qd = -k (q - q_1), at most."""
-    options = replace(NO_FUNNEL, solutions=SolutionOptions(n_solutions=1))
+    options = replace(NO_CORRIDOR, solutions=SolutionOptions(n_solutions=1))
     control, one = solutions_of(in_reach(ring_of_grasps), options)
     (q_1,) = REACHABILITY.nearest(X_WO @ one.X_OG, HOME)[0][:1]
     velocity = lambda q: control.requested_velocity(q, one, 0.0, X_WO, STILL)  # noqa: E731
@@ -176,8 +176,8 @@ def test_turning_everything_about_the_base_axis_changes_nothing(ring_of_grasps, 
     grasps = in_reach(ring_of_grasps)
     # Joint limits and obstacles on the way apart, which are not the same all round.
     options = replace(
-        NO_FUNNEL,
-        prices=Prices(times=(0.0,)),
+        NO_CORRIDOR,
+        costs=CostWeights(times=(0.0,)),
         solutions=SolutionOptions(per_grasp=1, n_solutions=8),
     )
     R = se3.so3_exp([0.0, 0.0, turn])
@@ -215,7 +215,7 @@ def test_what_is_asked_for_does_not_jump_at_updates(ring_of_grasps, roll_out):
 def test_commands_keep_every_limit_whatever_comes(ring_of_grasps):
     """Random states, grasps, poses and twists, now and then lost; each command follows the last."""
     rng = np.random.default_rng(1)
-    grasps, q, qd = ring_of_grasps.with_twins(), HOME.copy(), np.zeros(7)
+    grasps, q, qd = ring_of_grasps.with_symmetric(), HOME.copy(), np.zeros(7)
     control, solutions, moved = JointSpaceControl(REACHABILITY), Solutions.empty(), 0
     X, V = X_WO.copy(), STILL
     for k in range(400):

@@ -15,9 +15,9 @@ from feasigrasp.models.control.planning.continuation import (
     flange_pose_kernel,
     solve_kernel,
 )
-from feasigrasp.models.control.planning.prices import Prices
+from feasigrasp.models.control.planning.cost_weights import CostWeights
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.funnel import Funnel
+from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -27,25 +27,25 @@ from feasigrasp_lab.paper.sources import flow_configurations, least_squares_conf
 REACHABILITY = Reachability()
 X_FG = REACHABILITY.gripper.X_FG
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
-PERIOD, PRICES = 0.05, Prices.of_a_field()
+PERIOD, COSTS = 0.05, CostWeights.for_joint_field()
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
 
 
 SOURCES = [closed_form_configurations, flow_configurations, least_squares_configurations]
 
 
-def search(*, funnel=None, prices=PRICES, **options):
-    funnel = funnel or Funnel(max_standoff=0.0)
+def search(*, corridor=None, costs=COSTS, **options):
+    corridor = corridor or ApproachCorridor(max_standoff=0.0)
     options = SolutionOptions(**options)
-    return SolutionSearch(REACHABILITY, funnel, prices, options, PERIOD)
+    return SolutionSearch(REACHABILITY, corridor, costs, options, PERIOD)
 
 
 def ahead(X_WO, V_WO=(0.0,) * 6):
-    return np.array([se3.extrapolate(X_WO, np.array(V_WO), t) for t in PRICES.times])
+    return np.array([se3.extrapolate(X_WO, np.array(V_WO), t) for t in COSTS.times])
 
 
 def reachable(grasps, X_WO=X_WO):
-    X_OG = grasps.with_twins().X_OG
+    X_OG = grasps.with_symmetric().X_OG
     return X_OG[REACHABILITY.reachable(X_WO @ X_OG)]
 
 
@@ -97,7 +97,7 @@ def test_what_other_sources_reach_the_closed_form_reaches(ring_of_grasps, find):
 
 def test_the_best_solution_of_every_grasp_comes_before_the_second_of_any(ring_of_grasps):
     X_OG = reachable(ring_of_grasps)
-    options = {"n_solutions": len(X_OG), "funnel": None}
+    options = {"n_solutions": len(X_OG), "corridor": None}
     found = search(**options).update(Solutions.empty(), 0.0, offer(X_OG), ahead(X_WO), HOME)
     assert sorted(matches(found.X_OG, X_OG)) == list(range(len(X_OG)))
     few = search(n_solutions=5).update(Solutions.empty(), 0.0, offer(X_OG), ahead(X_WO), HOME)
@@ -192,7 +192,7 @@ def test_a_grasp_that_is_gone_rises_in_cost_until_it_is_left_out(ring_of_grasps)
 
 def test_arm_angles_glide_to_where_the_outlook_is_better_and_stay_there(ring_of_grasps):
     X_OG = reachable(ring_of_grasps)[:4]
-    keep = search(prices=replace(PRICES, lost=1e3, collision=0.0, end=0.0))
+    keep = search(costs=replace(COSTS, lost=1e3, collision=0.0, end=0.0))
     solutions = keep.update(Solutions.empty(), 0.0, offer(X_OG), ahead(X_WO), HOME)
     before = solutions
     for k in range(1, 120):
@@ -214,10 +214,10 @@ def test_a_solution_costs_what_its_grasp_and_its_score_cost(ring_of_grasps):
         for score in (np.ones(4), np.full(4, 0.5))
     )
     assert len(certain) == len(doubtful) > 4
-    horizon = PRICES.times[-1] * PRICES.score * np.log(2.0)
+    horizon = COSTS.times[-1] * COSTS.score * np.log(2.0)
     np.testing.assert_allclose(doubtful.cost[:, 0] - certain.cost[:, 0], 0.5 * horizon, atol=1e-9)
-    free = replace(PRICES, score=0.0)
-    indifferent = search(prices=free, radians_per_second=0.5).update(
+    free = replace(COSTS, score=0.0)
+    indifferent = search(costs=free, radians_per_second=0.5).update(
         Solutions.empty(), 0.0, replace(offer(X_OG), score=np.full(4, 0.5)), ahead(X_WO), HOME
     )
     np.testing.assert_allclose(indifferent.cost, certain.cost, atol=1e-9)
@@ -237,7 +237,7 @@ def test_grasps_out_of_reach_have_none(ring_of_grasps):
 
 
 def test_random_configurations_and_objects_give_finite_solutions(ring_of_grasps):
-    rng, keep = np.random.default_rng(2), search(funnel=Funnel())
+    rng, keep = np.random.default_rng(2), search(corridor=ApproachCorridor())
     solutions = Solutions.empty()
     for k in range(30):
         X = se3.random_pose(rng, 1)[0]

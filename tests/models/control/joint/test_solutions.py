@@ -12,10 +12,10 @@ from feasigrasp.models.control.joint.solutions import (
     feed_forward_kernel,
     place_kernel,
 )
-from feasigrasp.models.control.planning.continuation import branch_kernel, strand_velocity_kernel
+from feasigrasp.models.control.planning.continuation import branch_kernel, candidate_velocity_kernel
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
-from feasigrasp.models.ik.arm_circle import arm_angle_kernel
+from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, standoff_kernel
+from feasigrasp.models.ik.self_motion import arm_angle_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
@@ -28,7 +28,7 @@ def branches_of(q):
     return np.array([branch_kernel(one) for one in q])
 
 
-STRAIGHT = Funnel(max_standoff=0.0)
+STRAIGHT = ApproachCorridor(max_standoff=0.0)
 
 
 def solutions_at(q, X_WO):
@@ -40,7 +40,7 @@ def solutions_at(q, X_WO):
     return Solutions(X_OG, branches_of(q), arm_angle, np.zeros((n, 2)), np.array([0.1, 0.0]))
 
 
-def placed(solutions, X_WO, X_OH, funnel=STRAIGHT, elapsed=0.0):
+def placed(solutions, X_WO, X_OH, corridor=STRAIGHT, elapsed=0.0):
     n = len(solutions)
     X_WF, q, index = np.empty((n, 4, 4)), np.empty((n, 7)), np.empty(n, dtype=np.int64)
     count = place_kernel(
@@ -49,7 +49,7 @@ def placed(solutions, X_WO, X_OH, funnel=STRAIGHT, elapsed=0.0):
         solutions.X_OG,
         solutions.branch,
         solutions.at(elapsed)[0],
-        funnel.parameters,
+        corridor.parameters,
         X_GF,
         X_WF,
         q,
@@ -77,13 +77,13 @@ def test_they_reach_their_grasps_wherever_the_object_goes(seed):
     solutions = solutions_at(q, X_WO)
     X_WO = se3.extrapolate(X_WO, rng.normal(scale=0.2, size=6), 1.0)
     X_OH = se3.inverse(X_WO) @ forward_kinematics(rng.uniform(-1, 1, 7), X_FG)
-    funnel = Funnel()
-    X_WF, found, index = placed(solutions, X_WO, X_OH, funnel)
+    corridor = ApproachCorridor()
+    X_WF, found, index = placed(solutions, X_WO, X_OH, corridor)
     # Where the arm may not go there is no solution, or it would be stopped on its way and stay.
     assert (np.abs(found) <= IIWA_7.position_limits - IIWA_7.position_margin).all()
     np.testing.assert_array_equal(branches_of(found), solutions.branch[index])
     targets = X_WO @ solutions.X_OG[index]
-    standoff = [standoff_kernel(X, X_OH, funnel.parameters) for X in solutions.X_OG[index]]
+    standoff = [standoff_kernel(X, X_OH, corridor.parameters) for X in solutions.X_OG[index]]
     targets[:, :3, 3] -= np.array(standoff)[:, None] * targets[:, :3, 2]
     np.testing.assert_allclose(X_WF @ X_FG, targets, atol=1e-9)
     np.testing.assert_allclose(forward_kinematics(found, X_FG), targets, atol=1e-9)
@@ -109,7 +109,7 @@ def test_their_velocity_is_that_of_the_jacobian_and_of_the_arm_angle(seed, psi_r
     V_WF[3:] += np.cross(V_WO[:3], X_WF[:3, 3] - p_WO)
     qd, moved = np.empty(7), np.eye(4)
     branch, psi = branch_kernel(q), arm_angle_kernel(q)
-    assert strand_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, qd)
+    assert candidate_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, qd)
     np.testing.assert_allclose(J @ qd, V_WF, atol=1e-3)
     ahead, behind = (arm_angle_kernel(q + sign * 1e-6 * qd) for sign in (1, -1))
     assert (ahead - behind) / 2e-6 == pytest.approx(psi_rate, abs=1e-3)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.planning.reserve import kept_surface
+from feasigrasp.models.control.planning.clearance_schedule import obstacle_surface
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid
@@ -64,7 +64,7 @@ def bowl_with_hand_at(standoff, turn=0.0):
 
 
 def kept(bowl, X_WO, *grasps):
-    return kept_surface(bowl, se3.inverse(X_WO) @ X_WH, np.reshape(grasps, (-1, 4, 4)), HAND)
+    return obstacle_surface(bowl, se3.inverse(X_WO) @ X_WH, np.reshape(grasps, (-1, 4, 4)), HAND)
 
 
 def test_a_hand_on_its_way_into_the_unseen_keeps_off_the_seen(bowl):
@@ -107,7 +107,7 @@ def way_in(surface):
 def test_so_it_comes_to_a_grasp_that_it_would_hover_before(bowl):
     def chosen(q, X_WO, X_OG):
         X_OH = se3.inverse(X_WO) @ forward_kinematics(q, GRIPPER.X_FG)
-        return kept_surface(bowl, X_OH, X_OG[None], HAND)
+        return obstacle_surface(bowl, X_OH, X_OG[None], HAND)
 
     assert way_in(lambda *_: bowl) > 0.02
     assert way_in(chosen) < 0.002

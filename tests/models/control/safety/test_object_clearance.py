@@ -108,11 +108,11 @@ def test_surface_that_was_not_seen_counts_as_nearer():
     x, values = nodes[near], made.values[near]
     distance, at, _ = field.refine(x, 3)
     apart = np.linalg.norm(at[:, None] - cloud, axis=2).min(axis=1)
-    reserve = 0.5 * (0.0002 + 0.21 * apart)
-    np.testing.assert_allclose(values, distance - reserve, atol=1e-5)
-    seen, unseen = x[:, 2] > 0.0, x[:, 2] < -0.03
+    extra_clearance = 0.5 * (0.0002 + 0.21 * apart)
+    np.testing.assert_allclose(values, distance - extra_clearance, atol=1e-5)
+    seen, unobserved = x[:, 2] > 0.0, x[:, 2] < -0.03
     np.testing.assert_allclose(values[seen], np.linalg.norm(x[seen], axis=1) - RADIUS, atol=1e-3)
-    assert (values[unseen] < distance[unseen] - 0.001).all() and unseen.sum() > 20
+    assert (values[unobserved] < distance[unobserved] - 0.001).all() and unobserved.sum() > 20
 
 
 def test_a_finger_may_go_where_the_camera_has_looked_through():
@@ -150,7 +150,7 @@ def test_hand_points_lie_on_the_hand():
     np.testing.assert_allclose(in_world, HAND @ X_WG[:3, :3].T + X_WG[:3, 3], atol=1e-12)
 
 
-def all_rows(q, grid, X_WO, V_WO, most=10_000, points=None, reserve=0.0):
+def all_rows(q, grid, X_WO, V_WO, most=10_000, points=None, extra_clearance=0.0):
     hand = hand_points() if points is None else points
     hand = np.pad(hand, ((0, 0), (1, 1)))  # radius 0 ...
     hand[:, 0] = 7.0  # ... on link 7
@@ -159,7 +159,7 @@ def all_rows(q, grid, X_WO, V_WO, most=10_000, points=None, reserve=0.0):
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     link_poses_kernel(q, R, p)
     options = record(SafetyOptions(object_clearance=0.0, object_gain=1.0, slow=1e3))[0]
-    moving = grid.values, grid.frame, X_WO, V_WO, reserve
+    moving = grid.values, grid.frame, X_WO, V_WO, extra_clearance
     m = object_rows_kernel(R, p, -wide, wide, options, hand, *moving, most, rows, bounds)
     return rows[:m].copy(), bounds[:m].copy()
 
@@ -217,7 +217,7 @@ def test_a_finger_is_not_stopped_at_the_mouth_of_a_bowl():
 def test_in_the_reserve_the_hand_comes_nearer_but_slowly(grid, safety):
     X_WO = at(forward_kinematics(Q, GRIPPER.X_FG)[:3, 3] - [0.0, 0.0, 0.1])
     rows, bounds = all_rows(Q, grid, X_WO, np.zeros(6))
-    kept, slowed = all_rows(Q, grid, X_WO, np.zeros(6), reserve=0.04)
+    kept, slowed = all_rows(Q, grid, X_WO, np.zeros(6), extra_clearance=0.04)
     np.testing.assert_array_equal(kept, rows)
     left = -bounds  # gain 1
     near = (left > 0.0) & (left < 0.05)

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.planning.prices import Prices, instant_at
+from feasigrasp.models.control.planning.cost_weights import CostWeights, instant_at
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice, choose_grasp
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
-from feasigrasp.models.control.task.reference import strand_reference
+from feasigrasp.models.control.task.reference import candidate_reference
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.closed_form import arm_angle, closed_form
@@ -18,7 +18,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
 REACHABILITY = Reachability()
-OPTIONS, PRICES = ChoiceOptions(), Prices()
+OPTIONS, COSTS = ChoiceOptions(), CostWeights()
 X_FG = REACHABILITY.gripper.X_FG
 START = np.deg2rad([0.0, 30.0, 0.0, -60.0, 0.0, 90.0, 0.0])
 #: Round the robot's base, as the paper's circle.
@@ -42,19 +42,22 @@ def ring_of_grasps(tilts=(0.0, 0.5), turns=3):
             R = se3.so3_exp([0.0, 0.0, turn]) @ se3.so3_exp([np.pi + tilt, 0.0, 0.0])
             poses.append(se3.make_pose(R, np.zeros(3)))
     n = len(poses)
-    return GraspSet(np.array(poses), np.full(n, 0.05), np.ones(n)).with_twins().X_OG
+    return GraspSet(np.array(poses), np.full(n, 0.05), np.ones(n)).with_symmetric().X_OG
 
 
 GRASPS = ring_of_grasps()
 
 
-def ahead(motion, t, options=OPTIONS, due=0.0):
-    return np.array([motion.pose(t + s) for s in options.prices.instants_from(t, due)])
+def ahead(motion, t, options=OPTIONS, interception_time=0.0):
+    return np.array([motion.pose(t + s) for s in options.costs.instants_from(t, interception_time)])
 
 
 def choose(choice, t, q, X_OG=GRASPS, motion=CIRCLE, options=OPTIONS, *, committed=False):
     grasps = GraspSet(X_OG, np.full(len(X_OG), 0.05), np.ones(len(X_OG)))
-    rates, poses = options.prices.grasp_rates(grasps), ahead(motion, t, options, choice.due)
+    rates, poses = (
+        options.costs.grasp_rates(grasps),
+        ahead(motion, t, options, choice.interception_time),
+    )
     ways = choice, t, q, X_OG, rates, poses, REACHABILITY, options
     return choose_grasp(*ways, committed=committed)
 
@@ -67,7 +70,7 @@ def run(duration, motion=CIRCLE, period=0.2, dt=0.02):
         if k % round(period / dt) == 0:
             choice = choose(choice, t, q, motion=motion)
         X_WO, V_WO, _ = motion.state(t)
-        reference = strand_reference(choice, t, q, X_WO, V_WO, REACHABILITY, OPTIONS)
+        reference = candidate_reference(choice, t, q, X_WO, V_WO, REACHABILITY, OPTIONS)
         qd = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, PursuitOptions())
         limit = IIWA_7.position_limits - 0.01
         q = np.clip(q + dt * qd, -limit, limit)
@@ -91,7 +94,11 @@ def test_the_order_of_the_grasps_does_not_matter():
         choose(GraspChoice(), 0.0, START, X_OG[order]),
     )
     np.testing.assert_array_equal(first.X_OG, second.X_OG)
-    assert (first.branch, first.psi, first.due) == (second.branch, second.psi, second.due)
+    assert (first.branch, first.psi, first.interception_time) == (
+        second.branch,
+        second.psi,
+        second.interception_time,
+    )
     again = [choose(c, 0.4, START, x) for c, x in ((first, X_OG), (second, X_OG[order]))]
     np.testing.assert_array_equal(again[0].X_OG, again[1].X_OG)
     assert again[0].branch == again[1].branch
@@ -99,23 +106,23 @@ def test_the_order_of_the_grasps_does_not_matter():
 
 def test_the_plan_arrives_in_time_at_an_admissible_configuration():
     choice = choose(GraspChoice(), 0.0, START)
-    X_WO = CIRCLE.pose(choice.due)
+    X_WO = CIRCLE.pose(choice.interception_time)
     X_WF = X_WO @ choice.X_OG @ np.linalg.inv(X_FG)
     q = closed_form(X_WF, choice.psi)[choice.branch]
     assert REACHABILITY.admissible(q)[0]
-    assert np.max(np.abs(q - START) / IIWA_7.velocity_limits) <= choice.due
+    assert np.max(np.abs(q - START) / IIWA_7.velocity_limits) <= choice.interception_time
 
 
 def test_a_grasp_behind_which_there_is_no_room_to_line_up_costs_more():
     """Near the arm's base a limit is often in the way of a hand that stands back."""
-    rng, priced = np.random.default_rng(3), ChoiceOptions(Prices.to_grasp_soon())
-    free = ChoiceOptions(replace(priced.prices, no_way_in=0.0))
+    rng, weighted = np.random.default_rng(3), ChoiceOptions(CostWeights.to_grasp_soon())
+    free = ChoiceOptions(replace(weighted.costs, no_corridor=0.0))
     room = {"free": [], "priced": []}
     for _ in range(100):
         p = rng.uniform([0.2, -0.4, 0.2], [0.5, 0.4, 0.8])
         X_WO = se3.make_pose(se3.so3_exp(rng.normal(0.0, 1.0, 3)), p)
-        poses = np.repeat(X_WO[None], len(PRICES.times), axis=0)
-        for name, options in (("free", free), ("priced", priced)):
+        poses = np.repeat(X_WO[None], len(COSTS.times), axis=0)
+        for name, options in (("free", free), ("priced", weighted)):
             choice = choose_grasp(
                 *(GraspChoice(), 0.0, START, GRASPS, np.zeros(len(GRASPS)), poses),
                 *(REACHABILITY, options),
@@ -155,15 +162,15 @@ def test_a_hand_that_is_to_grasp_soon_does_not_wait_for_what_lasts_longer(seed):
         poses = turning.pose(t) @ np.array([now, later])
         np.testing.assert_array_equal(REACHABILITY.reachable(poses), expected)
     q = START + np.random.default_rng(seed).uniform(-0.1, 0.1, 7)
-    X_OG = GraspSet(np.array([now, later]), np.full(2, 0.05), np.ones(2)).with_twins().X_OG
+    X_OG = GraspSet(np.array([now, later]), np.full(2, 0.05), np.ones(2)).with_symmetric().X_OG
 
     patient = choose(GraspChoice(), 0.0, q, X_OG, turning)
-    assert patient.due > 3.0
+    assert patient.interception_time > 3.0
     np.testing.assert_allclose(patient.X_OG[:3, 2], later[:3, 2], atol=1e-12)
 
-    options = ChoiceOptions(Prices.to_grasp_soon())
+    options = ChoiceOptions(CostWeights.to_grasp_soon())
     soon = choose(GraspChoice(), 0.0, q, X_OG, turning, options)
-    assert soon.due <= 2.0 < options.prices.times[-1]
+    assert soon.interception_time <= 2.0 < options.costs.times[-1]
     np.testing.assert_allclose(soon.X_OG[:3, 2], now[:3, 2], atol=1e-12)
 
 
@@ -174,7 +181,7 @@ def test_a_hand_that_has_committed_keeps_its_strand_even_where_it_ends():
         | {"center": np.array([0.5, 0.0, 0.35]), "amplitude": np.zeros(3), "spin": 0.2}
     )
     X_OG = np.array([from_the_side(75.0), from_the_side(-170.0)])
-    options = ChoiceOptions(Prices.to_grasp_soon())
+    options = ChoiceOptions(CostWeights.to_grasp_soon())
     first = choose(GraspChoice(), 0.0, START, X_OG, turning, options)
     np.testing.assert_array_equal(first.X_OG, X_OG[0])
     free, committed, changed = first, first, []
@@ -205,9 +212,9 @@ def test_a_hand_that_has_committed_to_another_grasp_than_it_went_for_stays_where
             held = choose(wanted, 0.1, q, X_OG[None], still, committed=True)
             np.testing.assert_array_equal(held.X_OG, X_OG)
             assert held.branch == branch and held.count == wanted.count
-            reference = strand_reference(held, 0.1, q, X_WO, np.zeros(6), REACHABILITY, OPTIONS)
+            reference = candidate_reference(held, 0.1, q, X_WO, np.zeros(6), REACHABILITY, OPTIONS)
             np.testing.assert_allclose(reference.X_OT, X_OG, atol=1e-9)
-            assert reference.on_strand
+            assert reference.on_candidate
             others += branch != wanted.branch
     assert others > 3
 
@@ -217,7 +224,7 @@ def test_without_grasps_or_poses_there_is_no_choice():
     assert not choose(GraspChoice(), 0.0, START, np.zeros((0, 4, 4)))
     far = HarmonicMotion(**{**vars_of(CIRCLE), "center": np.array([3.0, 0.0, 0.2])})
     assert not choose(GraspChoice(), 0.0, START, motion=far)
-    lost = np.full((len(PRICES.instants), 4, 4), np.nan)
+    lost = np.full((len(COSTS.instants), 4, 4), np.nan)
     present = choose(GraspChoice(), 0.0, START)
     free = np.zeros(len(GRASPS))
     assert not choose_grasp(present, 0.1, START, GRASPS, free, lost, REACHABILITY, OPTIONS)
@@ -229,10 +236,10 @@ def vars_of(motion):
 
 def test_no_choice_has_no_reference_and_lost_poses_have_none():
     X_WO, V_WO, _ = CIRCLE.state(0.0)
-    assert strand_reference(GraspChoice(), 0, START, X_WO, V_WO, REACHABILITY, OPTIONS) is None
+    assert candidate_reference(GraspChoice(), 0, START, X_WO, V_WO, REACHABILITY, OPTIONS) is None
     choice = choose(GraspChoice(), 0.0, START)
     lost = np.full((4, 4), np.nan)
-    assert strand_reference(choice, 0, START, lost, V_WO, REACHABILITY, OPTIONS) is None
+    assert candidate_reference(choice, 0, START, lost, V_WO, REACHABILITY, OPTIONS) is None
 
 
 def test_the_circle_is_followed_with_few_changes_and_unwound_before_the_limit(lap):
@@ -263,12 +270,12 @@ def test_a_choice_is_kept_for_a_while_and_not_taken_back_at_once(lap):
 
 def test_the_reference_follows_the_grasp_exactly_once_there():
     choice = choose(GraspChoice(), 0.0, START)
-    t = choice.due
+    t = choice.interception_time
     X_WO, V_WO, _ = CIRCLE.state(t)
     X_WF = X_WO @ choice.X_OG @ np.linalg.inv(X_FG)
     q = closed_form(X_WF, choice.psi)[choice.branch]
-    reference = strand_reference(choice, t, q, X_WO, V_WO, REACHABILITY, OPTIONS)
-    assert reference.on_strand
+    reference = candidate_reference(choice, t, q, X_WO, V_WO, REACHABILITY, OPTIONS)
+    assert reference.on_candidate
     np.testing.assert_allclose(reference.q, q, atol=1e-9)
     np.testing.assert_allclose(reference.X_OT, choice.X_OG, atol=1e-9)
     # Its velocity carries the hand along with the object.
@@ -286,7 +293,7 @@ def test_pursuit_is_inside_the_speed_limits_and_leaves_the_slow_joint_its_speed(
     choice = choose(GraspChoice(), 1.0, START)
     for _ in range(50):
         q = rng.uniform(-0.9, 0.9, 7) * IIWA_7.position_limits
-        reference = strand_reference(choice, 1.0, q, X_WO, V_WO, REACHABILITY, OPTIONS)
+        reference = candidate_reference(choice, 1.0, q, X_WO, V_WO, REACHABILITY, OPTIONS)
         options = PursuitOptions()
         qd = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options)
         assert np.all(np.abs(qd) <= IIWA_7.velocity_limits + 1e-12)
@@ -299,28 +306,32 @@ def test_pursuit_is_inside_the_speed_limits_and_leaves_the_slow_joint_its_speed(
 
 def test_what_is_due_stays_due_from_plan_to_plan():
     """An arm that is on its way in time is not given more."""
-    options = replace(OPTIONS, prices=replace(PRICES, regrip_time=0.0))
+    options = replace(OPTIONS, costs=replace(COSTS, regrip_time=0.0))
     first = choice = choose(GraspChoice(), 0.0, START, options=options)
-    X_WF = CIRCLE.pose(first.due) @ first.X_OG @ np.linalg.inv(X_FG)
+    X_WF = CIRCLE.pose(first.interception_time) @ first.X_OG @ np.linalg.inv(X_FG)
     goal = closed_form(X_WF, first.psi)[first.branch]
-    for t in np.arange(0.07, 0.95 * first.due, 0.07):
-        choice = choose(choice, t, START + t / first.due * (goal - START), options=options)
-        assert choice.count == first.count and choice.due == pytest.approx(first.due)
+    for t in np.arange(0.07, 0.95 * first.interception_time, 0.07):
+        choice = choose(
+            choice, t, START + t / first.interception_time * (goal - START), options=options
+        )
+        assert choice.count == first.count and choice.interception_time == pytest.approx(
+            first.interception_time
+        )
 
 
-@pytest.mark.parametrize("prices", [PRICES, Prices.to_grasp_soon()])
-def test_what_is_due_is_an_instant_of_every_plan_before(prices):
-    rng, step = np.random.default_rng(0), prices.times[1]
-    for start, left in rng.uniform(0.01, [9.0, prices.times[-1]], (50, 2)):
+@pytest.mark.parametrize("costs", [COSTS, CostWeights.to_grasp_soon()])
+def test_what_is_due_is_an_instant_of_every_plan_before(costs):
+    rng, step = np.random.default_rng(0), costs.times[1]
+    for start, left in rng.uniform(0.01, [9.0, costs.times[-1]], (50, 2)):
         for t in np.linspace(start, start + left, 7)[:-1]:
-            times = prices.instants_from(t, start + left)
+            times = costs.instants_from(t, start + left)
             assert times[0] == 0.0 and (np.diff(times) > 0.0).all()
             at = instant_at(start + left - t, times)
             assert t + times[at] == pytest.approx(start + left)
             rounds = (t + np.delete(times[1:], at - 1)) / step  # the others are on the grid
             np.testing.assert_allclose(rounds, np.round(rounds), atol=1e-9)
-        after = prices.instants_from(start + 2.0 * left, start + left)
-        np.testing.assert_array_equal(after, prices.instants_from(start + 2.0 * left, 0.0))
+        after = costs.instants_from(start + 2.0 * left, start + left)
+        np.testing.assert_array_equal(after, costs.instants_from(start + 2.0 * left, 0.0))
 
 
 def test_another_way_of_holding_has_to_be_better_by_the_commitment():
@@ -331,7 +342,7 @@ def test_another_way_of_holding_has_to_be_better_by_the_commitment():
         ways = closed_form(CIRCLE.pose(0.0) @ X_OG @ np.linalg.inv(X_FG), rng.uniform(-1.0, 1.0))
         for branch in np.flatnonzero(np.isfinite(ways).all(axis=1)):
             q = ways[branch]
-            there = GraspChoice(X_OG, int(branch), arm_angle(q), due=-1.0, since=-9.0)
+            there = GraspChoice(X_OG, int(branch), arm_angle(q), interception_time=-1.0, since=-9.0)
             free, usual, stays = [choose(there, 0.0, q, options=each) for each in several]
             if stays.count == 0:  # it can be held so
                 changed.append(usual.count)

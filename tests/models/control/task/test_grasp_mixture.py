@@ -78,7 +78,7 @@ def test_there_are_no_more_components_than_allowed():
 @pytest.mark.parametrize("seed", range(3))
 def test_a_grasp_and_its_twin_never_share_a_component(n, seed):
     """However few there are: BIC alone would take one wide component for a single pair."""
-    grasps = clustered_grasps(n=n, k=1, seed=seed)[0].with_twins()
+    grasps = clustered_grasps(n=n, k=1, seed=seed)[0].with_symmetric()
     mixture = fit_grasp_mixture(grasps, 10, np.random.default_rng(seed))
     assert not np.any(mixture.component[:n] == mixture.component[n:])
     angles = np.linalg.norm(mixture.mixture.tangents(grasps.X_OG)[..., :3], axis=-1)

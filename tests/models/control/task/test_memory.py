@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.planning.prices import LEAST_SCORE, RAREST, Prices
+from feasigrasp.models.control.planning.cost_weights import LEAST_SCORE, RAREST, CostWeights
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter
 from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.control.task.memory import TaskMemory
@@ -16,7 +16,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
 REACHABILITY = Reachability()
-OPTIONS = TaskControlOptions(choice=ChoiceOptions(Prices.to_grasp_soon()))
+OPTIONS = TaskControlOptions(choice=ChoiceOptions(CostWeights.to_grasp_soon()))
 SAFETY = SafetyFilter(OPTIONS.safety, REACHABILITY.gripper)
 #: The arm and the object are alike on both sides of the plane y = 0.
 HOME = np.deg2rad([0.0, 20.0, 0.0, -80.0, 0.0, 80.0, 0.0])
@@ -51,13 +51,13 @@ def grasp_set(left, right, left_score=0.9, right_score=0.9):
 
 
 def planned(grasps, options=OPTIONS.choice):
-    ahead = np.tile(X_WO, (len(options.prices.times), 1, 1))
+    ahead = np.tile(X_WO, (len(options.costs.times), 1, 1))
     memory = TaskMemory().with_grasps(grasps, 10, 0)
     return memory.with_choice(0.0, HOME, ahead, REACHABILITY, options).choice
 
 
-def side(grasps, **prices):
-    choice = planned(grasps, ChoiceOptions(replace(Prices.to_grasp_soon(), **prices)))
+def side(grasps, **costs):
+    choice = planned(grasps, ChoiceOptions(replace(CostWeights.to_grasp_soon(), **costs)))
     assert choice
     return np.sign(choice.X_OG[1, 3])
 
@@ -123,22 +123,22 @@ def test_a_sharp_weight_is_the_law_that_follows_one_grasp():
 
 def test_weights_are_those_of_cost_score_and_density():
     """Beside each other, in the same posture: what is left is the grasps' own price."""
-    prices = OPTIONS.choice.prices
+    costs = OPTIONS.choice.costs
     X_OG = from_above([(0.0, 0.05), (0.001, 0.05)])
     score = np.array([0.9, 0.7])
     grasps = GraspSet(X_OG, np.full(2, 0.05), score)
-    rates = prices.grasp_rates(grasps, np.array([-1.0, -3.0]))
-    offset = np.linalg.norm(X_OG[:, :3, 3], axis=1) / prices.lost
-    own = -prices.score * np.log(score) + prices.density * np.array([0.0, 2.0])
+    rates = costs.grasp_rates(grasps, np.array([-1.0, -3.0]))
+    offset = np.linalg.norm(X_OG[:, :3, 3], axis=1) / costs.lost
+    own = -costs.score * np.log(score) + costs.density * np.array([0.0, 2.0])
     np.testing.assert_allclose(rates, offset + own)
     choice = planned(grasps)
-    seconds = prices.times[-1] - choice.due
-    cost = prices.score * seconds * np.log(0.9 / 0.7)
+    seconds = costs.times[-1] - choice.interception_time
+    cost = costs.score * seconds * np.log(0.9 / 0.7)
     assert -np.log(choice.weights[1]) * OPTIONS.choice.temperature == pytest.approx(cost, abs=0.05)
     # Outliers and worthless grasps have a finite price.
     hopeless = GraspSet(X_OG, np.full(2, 0.05), np.zeros(2))
-    rates = prices.grasp_rates(hopeless, np.array([0.0, -1e4]))
-    expected = offset - prices.score * np.log(LEAST_SCORE) + prices.density * RAREST * np.eye(2)[1]
+    rates = costs.grasp_rates(hopeless, np.array([0.0, -1e4]))
+    expected = offset - costs.score * np.log(LEAST_SCORE) + costs.density * RAREST * np.eye(2)[1]
     np.testing.assert_allclose(rates, expected)
 
 
@@ -146,7 +146,7 @@ def test_a_grasp_that_is_gone_keeps_its_price():
     first = planned(grasp_set(SIDE, SIDE, 0.9, 0.8))
     gone = grasp_set(SIDE[:0], SIDE, 0.9, 0.8)
     memory = TaskMemory(choice=first, seen=0.0).with_grasps(gone, 10, 0)
-    ahead = np.tile(X_WO, (len(OPTIONS.choice.prices.times), 1, 1))
+    ahead = np.tile(X_WO, (len(OPTIONS.choice.costs.times), 1, 1))
     after = memory.with_choice(0.1, HOME, ahead, REACHABILITY, OPTIONS.choice).choice
     np.testing.assert_array_equal(after.X_OG, first.X_OG)
     assert after.rate == first.rate > 0.0
@@ -156,7 +156,7 @@ def test_a_grasp_that_is_gone_keeps_its_price():
 def test_a_grasp_that_left_the_set_is_followed_on_while_it_is_one(still_one):
     """Out of the set, it may be out of reach soon, or no grasp on what was seen by now."""
     left, right = grasp_set(SIDE, SIDE[:0]), grasp_set(SIDE[:0], SIDE)
-    ahead = np.tile(X_WO, (len(OPTIONS.choice.prices.times), 1, 1))
+    ahead = np.tile(X_WO, (len(OPTIONS.choice.costs.times), 1, 1))
     memory = TaskMemory().with_grasps(replace(left, id=np.array([3])), 10, 0)
     memory = memory.with_choice(0.0, HOME, ahead, REACHABILITY, OPTIONS.choice)
     gone = replace(right, id=np.array([4]), on_object=np.array([3, 4] if still_one else [4]))
@@ -169,7 +169,7 @@ def test_a_grasp_that_left_the_set_is_followed_on_while_it_is_one(still_one):
 
 def test_what_took_the_place_of_a_grasp_is_followed():
     memory = TaskMemory().with_grasps(grasp_set(SIDE, SIDE[:0]), 10, 0)
-    ahead = np.tile(X_WO, (len(OPTIONS.choice.prices.times), 1, 1))
+    ahead = np.tile(X_WO, (len(OPTIONS.choice.costs.times), 1, 1))
     memory = memory.with_choice(0.0, HOME, ahead, REACHABILITY, OPTIONS.choice)
     moved = grasp_set(from_above([(0.003, 0.06)]), SIDE)
     after = memory.with_grasps(moved, 10, 0).with_choice(
@@ -184,7 +184,7 @@ def test_the_hand_reaches_a_grasp_and_not_the_mean_of_several():
     X_OG = from_above([(0.0, 0.05), (0.014, 0.056), (0.020, 0.05)])
     grasps = GraspSet(X_OG, np.full(3, 0.05), np.array([0.9, 0.89, 0.88]))
     q, memory, dt = HOME.copy(), TaskMemory(), 0.01
-    ahead = np.tile(X_WO, (len(OPTIONS.choice.prices.times), 1, 1))
+    ahead = np.tile(X_WO, (len(OPTIONS.choice.costs.times), 1, 1))
     for k in range(400):
         if k % 10 == 0:
             memory = memory.with_grasps(grasps, 10, 0)

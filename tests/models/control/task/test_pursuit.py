@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
-from feasigrasp.models.control.task.reference import StrandReference
+from feasigrasp.models.control.task.reference import CandidateReference
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -23,7 +23,7 @@ def hand(q):
 def reference(q, radius, direction, qd=None):
     """A reference whose hand pose is this far from the object's origin."""
     X_OT = se3.make_pose(se3.so3_exp([0.3, -2.0, 0.5]), radius * direction)
-    return StrandReference(q, np.zeros(7) if qd is None else qd, X_OT, False)
+    return CandidateReference(q, np.zeros(7) if qd is None else qd, X_OT, False)
 
 
 def scenes(count, seed=0):

@@ -15,12 +15,12 @@ from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp
 from feasigrasp.models.control.task.memory import TaskMemory
 from feasigrasp.models.control.task.safe_law import TaskControlOptions, task_space_velocity
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.funnel import Funnel
+from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.ik.arm_circle import arm_angle_kernel
+from feasigrasp.models.ik.self_motion import arm_angle_kernel
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.objects.motion import HarmonicMotion
-from feasigrasp.models.reach.lookahead import judge_grasps
+from feasigrasp.models.reach.predicted_reachability import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -31,7 +31,7 @@ HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 REACHABILITY = Reachability()
 X_FG = REACHABILITY.gripper.X_FG
 OPTIONS = TaskControlOptions()
-NO_FUNNEL = TaskControlOptions(choice=ChoiceOptions(funnel=Funnel(max_standoff=1e-4)))
+NO_CORRIDOR = TaskControlOptions(choice=ChoiceOptions(corridor=ApproachCorridor(max_standoff=1e-4)))
 SAFETY = SafetyFilter(OPTIONS.safety, REACHABILITY.gripper)
 PERIOD = OPTIONS.safety.period
 STILL = np.zeros(6)
@@ -74,7 +74,9 @@ class Controller:
 
     def __call__(self, t, q, X_WO, V_WO):
         if self.ticks % 10 == 0:
-            instants = self.options.choice.prices.instants_from(t, self.memory.choice.due)
+            instants = self.options.choice.costs.instants_from(
+                t, self.memory.choice.interception_time
+            )
             if self.motion is None:
                 ahead = [se3.extrapolate(X_WO, V_WO, s) for s in instants]
             else:
@@ -148,7 +150,7 @@ def test_without_feed_forward_it_lags_by_speed_over_gain(ring_of_grasps, roll_ou
     soonest = np.argmin(REACHABILITY.nearest(X_WO @ grasps.X_OG, HOME)[1])
     one = grasps.select(np.array([soonest]))
     q = near_a_grasp(X_WO, one.X_OG[0])
-    options = replace(NO_FUNNEL, feed_forward=feed_forward)
+    options = replace(NO_CORRIDOR, feed_forward=feed_forward)
     rollout = roll_out(Controller(one, options), motion, one, q, 2.0)
     lag = rollout.worst_after(1.5)[0]
     if feed_forward:
@@ -325,7 +327,7 @@ def on_the_way(choice, motion, duration):
     """How far the hand is from its grasp at last [m]."""
     q, qd = HOME.copy(), np.zeros(7)
     for k in range(round(duration / PERIOD)):
-        where = (q, choice, *motion(k * PERIOD), REACHABILITY, SAFETY, NO_FUNNEL)
+        where = (q, choice, *motion(k * PERIOD), REACHABILITY, SAFETY, NO_CORRIDOR)
         qd = task_space_velocity(*where, time=k * PERIOD, qd_last=qd)
         q = q + PERIOD * qd
     goal = (motion(duration)[0] @ choice.X_OG)[:3, 3]
@@ -342,10 +344,10 @@ def quick_circle(t):
 @pytest.mark.parametrize("turn", [0.0, 1.0, 2.0])
 def test_far_away_the_arm_goes_to_where_its_strand_will_be_when_it_is_due(monkeypatch, turn):
     """As the tracker knows the circle; one that runs after the strand is late."""
-    monkeypatch.setattr(safe_law, "object_at_meeting", lambda *a: quick_circle(1.3))
+    monkeypatch.setattr(safe_law, "object_at_interception", lambda *a: quick_circle(1.3))
     choice = a_strand(quick_circle(1.3)[0], turn)
-    met = on_the_way(replace(choice, due=1.3), quick_circle, 1.3)
-    followed = on_the_way(replace(choice, due=-1.0), quick_circle, 1.3)
+    met = on_the_way(replace(choice, interception_time=1.3), quick_circle, 1.3)
+    followed = on_the_way(replace(choice, interception_time=-1.0), quick_circle, 1.3)
     assert met < 0.6 * followed
 
 
@@ -360,10 +362,18 @@ def test_only_a_quick_object_that_is_not_in_the_way_is_met(below, speed, meets):
     choice, V_WO = a_strand(X_WO, 2.0), np.array([0.0, 0.0, 0.0, 0.0, speed, 0.0])
     met, followed = (
         task_space_velocity(
-            *(q[0], replace(choice, due=due), X_WO, V_WO, REACHABILITY, SAFETY, OPTIONS),
+            *(
+                q[0],
+                replace(choice, interception_time=interception_time),
+                X_WO,
+                V_WO,
+                REACHABILITY,
+                SAFETY,
+                OPTIONS,
+            ),
             qd_last=np.zeros(7),
         )
-        for due in (1.0, -1.0)
+        for interception_time in (1.0, -1.0)
     )
     assert np.abs(followed).max() > 1e-3
     assert (np.abs(met - followed).max() > 1e-3) == meets
@@ -372,17 +382,26 @@ def test_only_a_quick_object_that_is_not_in_the_way_is_met(below, speed, meets):
 def test_the_request_does_not_jump_when_what_is_met_is_due(monkeypatch):
     """What is left of the way is followed: a meeting's share is gone, whatever it asks for."""
     asked, shares = [], []
-    monkeypatch.setattr(safe_law, "meeting_velocity", lambda *a: asked.append(a[4]) or np.ones(7))
+    monkeypatch.setattr(
+        safe_law, "interception_velocity", lambda *a: asked.append(a[4]) or np.ones(7)
+    )
     choice, motion = a_strand(quick_circle(0.0)[0], 2.0), quick_circle(0.0)
     times = np.array([0.5, 0.31, 0.25, 0.2, 0.16, 0.14, 0.05])
     keeps = SimpleNamespace(velocity=lambda q, qd, *a, **k: qd)
     for left in times:
         met, followed = (
             task_space_velocity(
-                *(HOME, replace(choice, due=due), *motion, REACHABILITY, keeps, NO_FUNNEL),
+                *(
+                    HOME,
+                    replace(choice, interception_time=interception_time),
+                    *motion,
+                    REACHABILITY,
+                    keeps,
+                    NO_CORRIDOR,
+                ),
                 qd_last=np.zeros(7),
             )
-            for due in (left, -1.0)
+            for interception_time in (left, -1.0)
         )
         shares.append(np.median((met - followed) / (1.0 - followed)))
     np.testing.assert_allclose(shares, np.clip(times / 0.15 - 1.0, 0.0, 1.0), atol=1e-9)

@@ -181,7 +181,7 @@ def test_the_fused_network_is_the_torch_one():
     a = GraspNetwork.of(module).propose_at(features)
     heads = module(Contacts.of(features))
     np.testing.assert_allclose(a.contact, torch.sigmoid(heads.contact[0]), atol=1e-12)
-    width, spread = heads.likeliest_width()
+    width, spread = heads.mode_width()
     assert 0.4 < (width == heads.width[..., 0]).double().mean() < 0.6
     room = with_room(width[0].numpy(), np.sqrt(2.0) * spread[0].numpy(), HAND.max_opening)
     np.testing.assert_allclose(a.width, room, atol=1e-12)
@@ -207,8 +207,8 @@ def test_torch_gives_chosen_contacts_as_it_gives_all():
 
 def test_neighbourhoods_against_a_plain_sum():
     points, normals, _ = blob(13, 40)
-    sure = np.random.default_rng(13).random(40)
-    means = neighbourhoods(points, normals, points, normals, sure, (0.012, 0.03))
+    confidence = np.random.default_rng(13).random(40)
+    means = neighbourhoods(points, normals, points, normals, confidence, (0.012, 0.03))
     apart = points[None] - points[:, None]
     for s, radius in enumerate((0.012, 0.03)):
         near = np.maximum(1.0 - (apart**2).sum(2) / radius**2, 0.0) ** 2
@@ -218,7 +218,7 @@ def test_neighbourhoods_against_a_plain_sum():
         np.testing.assert_allclose(means[:, s, 1:4], share @ normals, atol=1e-12)
         offset = np.einsum("ij,ijk->ik", share, apart) / radius
         np.testing.assert_allclose(means[:, s, 4:7], offset, atol=1e-12)
-        np.testing.assert_allclose(means[:, s, 7], share @ sure, atol=1e-12)
+        np.testing.assert_allclose(means[:, s, 7], share @ confidence, atol=1e-12)
 
 
 def test_an_empty_neighbourhood_is_zero():

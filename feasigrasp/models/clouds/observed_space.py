@@ -1,0 +1,234 @@
+"""A map of seen space: which voxels a camera has looked through, and what may hide beside the rest.
+
+Space in front of what a pixel shows is free; behind it, and outside the picture, nothing is known.
+What was never seen need not be free: a wall goes on where the picture ends, and has a back. So
+unknown voxels that may belong to a seen surface are kept clear of until they are seen: those
+*behind* it, and those that continue it *beside* its rim, in its own plane. Unknown space in front
+of a surface, or far from any, holds up nobody; an arm must be able to move where it cannot look.
+
+A truncated distance field, as libraries have it, keeps voxels near surfaces alone; what counts here
+is the free space in between, on the lattice on which distances to obstacles are kept anyway.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, identity
+from scipy.spatial import cKDTree
+
+from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.clouds.depth_view import DEPTH_ERROR, DepthView
+from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
+from feasigrasp.models.compiled import compiled
+
+#: Edge length of the voxels of a scene [m].
+SCENE_VOXEL = 0.025
+#: A surface goes on beside its rim for so long: as wide as a link of the arm and the distance that
+#: it keeps, so that none fits into what is left out between rim and unknown edge [m].
+BESIDE = 0.2
+#: What was seen from one side is at most so thick, or hides no more than that [m].
+BEHIND = 0.1
+#: A voxel that so many points of one view fall into, though it had been seen to be free, holds
+#: something that has come since. Fewer may be noise.
+_COME = 4
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedSpace(Frozen):
+    """Which voxels of a box have been seen to be free; changes with each view.
+
+    Attributes:
+        free: By voxel, shape (nx, ny, nz).
+        low: Middle of the first voxel x, y, z [m].
+        voxel_size: Edge length of a voxel [m].
+    """
+
+    free: Mask
+    low: Array
+    voxel_size: float = SCENE_VOXEL
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        self._freeze(free=self.free, low=np.array(self.low, dtype=float))
+
+    @classmethod
+    def unknown(cls, low: Array, size: Array, voxel_size: float = SCENE_VOXEL) -> ObservedSpace:
+        """Nothing seen yet of the box from ``low`` (3,) on that is ``size`` (3,) large [m]."""
+        shape = tuple((np.ceil(np.asarray(size) / voxel_size).astype(int) + 1).tolist())
+        return cls(np.zeros(shape, dtype=bool), low, voxel_size)
+
+    def seen(self, view: DepthView, surroundings: Array) -> ObservedSpace:
+        """With one more view.
+
+        Args:
+            view: What the camera saw; robot and object count, as what is in front of them is free.
+            surroundings: The points of the view that are neither, shape (n, 3) [m].
+        """
+        free = self.free.copy()
+        # Where something has come, what is behind it was seen before that: it is unknown again.
+        count = np.zeros(self.free.shape, dtype=np.int32)
+        np.add.at(count, tuple(self._voxels(surroundings).T), 1)
+        come = np.argwhere((count >= _COME) & self.free)
+        _forget_kernel(come, int(np.ceil(BEHIND / self.voxel_size)), free)
+        # A voxel counts as a whole: its middle is farther than half its diagonal from the surface.
+        _look_kernel(
+            self.low, self.voxel_size, view.X_WC, view.pinhole, view.depth,
+            0.5 * np.sqrt(3.0) * self.voxel_size, free,
+        )  # fmt: skip
+        return ObservedSpace(free, self.low, self.voxel_size)
+
+    def occupied_by(self, center: Array, radius: Array) -> ObservedSpace:
+        """With the space inside balls, of the arm itself, which is free of anything else.
+
+        Args:
+            center: Their centres, shape (n, 3) [m].
+            radius: Their radii, shape (n,) [m].
+        """
+        free = self.free.copy()
+        _balls_kernel(np.ascontiguousarray(center), radius, self.low, self.voxel_size, free)
+        return ObservedSpace(free, self.low, self.voxel_size)
+
+    def hidden(self, points: Array, directions: Array) -> Array:
+        """Middles of the voxels that were never seen and may belong to seen surfaces.
+
+        They are connected to the surface through others. Each is behind it or beside its rim, as
+        the point and the normal say from which it was come to.
+
+        Args:
+            points: Points of the surfaces, shape (n, 3) [m].
+            directions: Unit directions to the camera that saw them, shape (n, 3).
+
+        Returns:
+            Shape (k, 3) [m].
+        """
+        rows = np.hstack([points, directions])[self._inside(points)]
+        keys = voxel_keys(rows[:, :3] - self.low + 0.5 * self.voxel_size, self.voxel_size)
+        rows, _ = grouped_means(rows, keys, np.ones(len(rows)))
+        at = np.ascontiguousarray(rows[:, :3])
+        normals = _normals(at, rows[:, 3:], 2.5 * self.voxel_size)
+        found = _spread_kernel(self._voxels(at), at, normals, self.low, self.voxel_size, self.free)
+        hidden: Array = self.low + self.voxel_size * found
+        return hidden
+
+    def _inside(self, points: Array) -> Mask:
+        index = np.rint((points - self.low) / self.voxel_size)
+        return np.asarray(((index >= 0) & (index < self.free.shape)).all(axis=1))
+
+    def _voxels(self, points: Array) -> NDArray[np.int64]:
+        """The voxels (m, 3) of those points (n, 3) that are inside the box."""
+        index = np.rint((points[self._inside(points)] - self.low) / self.voxel_size)
+        return index.astype(np.int64)
+
+
+def _normals(points: Array, directions: Array, radius: float) -> Array:
+    """Unit normals (n, 3) on the side of ``directions``, of planes through neighbours.
+
+    Fewer than two neighbours leave the direction itself.
+    """
+    n = len(points)
+    i, j = cKDTree(points).query_pairs(radius, output_type="ndarray").T
+    one_way = coo_matrix((np.ones(len(i)), (i, j)), shape=(n, n)).tocsr()
+    sum_of = one_way + one_way.T + identity(n, format="csr")
+    count = sum_of @ np.ones(n)
+    mean = (sum_of @ points) / count[:, None]
+    square = (sum_of @ np.einsum("ni,nj->nij", points, points).reshape(n, 9)) / count[:, None]
+    covariance = square.reshape(n, 3, 3) - np.einsum("ni,nj->nij", mean, mean)
+    normals: Array = np.linalg.eigh(covariance)[1][:, :, 0]
+    normals = np.where(count[:, None] > 2, normals, directions)
+    normals[np.einsum("ni,ni->n", normals, directions) < 0.0] *= -1.0
+    return normals
+
+
+@compiled
+def _forget_kernel(come, reach, free):
+    """Makes the cubes of voxels around each of ``come`` (m, 3) unknown."""
+    for m in range(len(come)):
+        low = [max(come[m, d] - reach, 0) for d in range(3)]
+        free[
+            low[0] : come[m, 0] + reach + 1,
+            low[1] : come[m, 1] + reach + 1,
+            low[2] : come[m, 2] + reach + 1,
+        ] = False
+
+
+@compiled
+def _look_kernel(low, size, X_WC, pinhole, depth, margin, free):
+    """Sets the voxels free that lie in front of what a camera measured."""
+    fx, fy, cx, cy = pinhole
+    height, width = depth.shape
+    R, p = X_WC[:3, :3].copy(), X_WC[:3, 3].copy()
+    for i in range(free.shape[0]):
+        for j in range(free.shape[1]):
+            x, y, z = low[0] + size * i - p[0], low[1] + size * j - p[1], low[2] - p[2]
+            u = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
+            v = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
+            w = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
+            for k in range(free.shape[2]):
+                if w > 0.0 and not free[i, j, k]:
+                    column, row = np.rint(fx * u / w + cx), np.rint(fy * v / w + cy)
+                    if 0 <= column < width and 0 <= row < height:
+                        seen = depth[int(row), int(column)]
+                        free[i, j, k] = w + margin + DEPTH_ERROR * w * w < seen
+                u += size * R[2, 0]
+                v += size * R[2, 1]
+                w += size * R[2, 2]
+
+
+@compiled
+def _balls_kernel(center, radius, low, size, free):
+    """Sets the voxels free whose middles lie inside balls."""
+    for m in range(len(center)):
+        first = [max(int(np.ceil((center[m, d] - radius[m] - low[d]) / size)), 0) for d in range(3)]
+        last = [
+            min(int(np.floor((center[m, d] + radius[m] - low[d]) / size)) + 1, free.shape[d])
+            for d in range(3)
+        ]
+        for i in range(first[0], last[0]):
+            for j in range(first[1], last[1]):
+                for k in range(first[2], last[2]):
+                    x = low[0] + size * i - center[m, 0]
+                    y = low[1] + size * j - center[m, 1]
+                    z = low[2] + size * k - center[m, 2]
+                    if x * x + y * y + z * z <= radius[m] * radius[m]:
+                        free[i, j, k] = True
+
+
+@compiled
+def _spread_kernel(voxels, points, normals, low, size, free):
+    """Voxels (k, 3) that are neither free nor seen, spread to from surfaces, nearest ones first."""
+    taken = free.copy()
+    for m in range(len(voxels)):
+        taken[voxels[m, 0], voxels[m, 1], voxels[m, 2]] = True
+    queue = np.empty((free.size + len(voxels), 4), dtype=np.int32)
+    for m in range(len(voxels)):
+        queue[m, :3], queue[m, 3] = voxels[m], m
+    count, head = len(voxels), 0
+    while head < count:
+        m = queue[head, 3]
+        for side in range(6):
+            i, j, k = queue[head, 0], queue[head, 1], queue[head, 2]
+            step = 2 * (side % 2) - 1
+            if side < 2:
+                i += step
+            elif side < 4:
+                j += step
+            else:
+                k += step
+            if not (0 <= i < free.shape[0] and 0 <= j < free.shape[1] and 0 <= k < free.shape[2]):
+                continue
+            if taken[i, j, k]:
+                continue
+            x = low[0] + size * i - points[m, 0]
+            y = low[1] + size * j - points[m, 1]
+            z = low[2] + size * k - points[m, 2]
+            height = x * normals[m, 0] + y * normals[m, 1] + z * normals[m, 2]
+            beside = x * x + y * y + z * z - height * height
+            if -BEHIND <= height <= 0.5 * size and beside <= BESIDE * BESIDE:
+                taken[i, j, k] = True
+                queue[count, 0], queue[count, 1], queue[count, 2], queue[count, 3] = i, j, k, m
+                count += 1
+        head += 1
+    return queue[len(voxels) : count, :3]

@@ -1,0 +1,162 @@
+"""How a hand on its way keeps off the object: the farther from lined up, the farther off.
+
+With its least clearance alone it would slide round the object, a millimetre off, and touch what is
+not quite where it is believed to be. And a hand that has the object between its fingers, but not
+for any grasp that it goes for, cannot turn round it: it has to step back first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter
+from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid, grid_kernel
+from feasigrasp.models.geometry.se3_kernels import inverse_kernel
+from feasigrasp.models.grasps.approach_corridor import (
+    ApproachCorridor,
+    grasp_errors,
+    grasp_errors_kernel,
+    standoff_kernel,
+)
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import (
+    forward_kinematics,
+    pose_and_jacobian,
+    pose_jacobian_kernel,
+)
+
+# Surface that nobody has seen gives way to a hand that is lined up with a grasp in it.
+#
+# A field closes a shape where no camera has looked: a bowl seen from below is full. Grasps whose
+# hand collides with nothing but such surface are offered if a network believes in them
+# (`feasigrasp.models.grasps.hand_clearance`). A hand that kept off it all the same would hover
+# before the rim for ever.
+
+#: A hand no farther than this from its nearest grasp is on its way into it [m], [rad].
+_NEAR, _LINED_UP = 0.12, 0.4
+#: What a turn of the hand counts as, beside its way [m/rad].
+_LEVER = 0.1
+
+
+def obstacle_surface(grid: ObstacleGrid, X_OH: Array, X_OG: Array, hand: Array) -> ObstacleGrid:
+    """The surface that a hand keeps off: what was seen of it, if its grasp is in the rest.
+
+    Args:
+        grid: All of the object's surface, in O.
+        X_OH: Pose of the hand, shape (4, 4); NaN while that of the object is not known.
+        X_OG: The grasps on offer, shape (n, 4, 4).
+        hand: Points on the open hand, in G, shape (k, 3) [m].
+    """
+    if grid.seen is None or len(X_OG) == 0 or not np.isfinite(X_OH).all():
+        return grid
+    position, angle = grasp_errors(X_OG, X_OH).T
+    nearest = np.argmin(position + _LEVER * angle)
+    if position[nearest] > _NEAR or angle[nearest] > _LINED_UP:
+        return grid
+    R, p = X_OG[nearest, :3, :3], X_OG[nearest, :3, 3]
+    distance, _ = grid.distance_and_gradient(hand @ R.T + p)
+    return grid.seen if (distance < 0.0).any() else grid
+
+
+#: The reserve is this share of the hand's standoff, and at most so far [m].
+_SHARE, _MOST = 0.2, 0.01
+#: Nearer than this to the middle between its pads, the object is between the fingers [m]; a hand
+#: that is turned by more from each of its grasps is not there for any of them [rad].
+_BETWEEN, _MISALIGNED = 0.015, 1.6
+#: Nearer than this, a hand that is to go elsewhere steps back first [m], so fast [m/s].
+_CLOSE, _BACK_SPEED = 0.05, 0.15
+
+
+def scheduled_obstacle(
+    surface: ObstacleGrid | None,
+    q: Array,
+    X_WO: Array,
+    V_WO: Array,
+    X_FG: Array,
+    X_OG: ArrayLike,
+    corridor: ApproachCorridor,
+) -> MovingObject | None:
+    """The object as a hand keeps off it that goes for the nearest of some grasps.
+
+    Args:
+        surface: Distances to its surface, in O; None if it is not to be kept off.
+        q: Joint positions [rad], shape (7,).
+        X_WO: Object pose, shape (4, 4).
+        V_WO: Object twist [angular; linear], shape (6,).
+        X_FG: Grasp frame on the flange, shape (4, 4).
+        X_OG: The grasps, in O, shape (n, 4, 4).
+        corridor: The way into a grasp.
+
+    Returns:
+        The object; its reserve is zero once the hand has lined up with a grasp, and the hand is
+        astray with the object between its fingers for none of them.
+    """
+    if surface is None:
+        return None
+    extra_clearance, misaligned = _schedule_kernel(
+        np.ascontiguousarray(q, dtype=float),
+        X_FG,
+        np.ascontiguousarray(X_WO, dtype=float),
+        np.array(X_OG, dtype=float).reshape(-1, 4, 4),  # a copy: never read-only, of one type
+        corridor.parameters,
+        surface.values,
+        surface.frame,
+    )
+    return MovingObject(surface, X_WO, V_WO, extra_clearance, misaligned)
+
+
+def is_close(moving: MovingObject, q: Array, X_FG: Array) -> bool:
+    """Whether the object is between the fingers of a hand, or nearly so."""
+    X_OH = inverse_kernel(np.ascontiguousarray(moving.X_WO)) @ forward_kinematics(q, X_FG)
+    return bool(moving.grid.distance_and_gradient(X_OH[:3, 3])[0][0] < _CLOSE)
+
+
+def retreat_velocity(
+    safety: SafetyFilter,
+    q: Array,
+    X_FG: Array,
+    moving: MovingObject,
+    *,
+    qd_last: Array | None = None,
+    obstacles: ObstacleGrid | None = None,
+) -> Array:
+    """The joint velocity (7,) [rad/s] in which the hand leaves an object backwards.
+
+    Arguments as for `scheduled_obstacle` and `SafetyFilter.velocity`.
+    """
+    X_WH, J_WH = pose_and_jacobian(q, X_FG)
+    return safety.velocity(
+        q,
+        np.zeros(IIWA_7.joints),
+        J_WH,
+        step_back(X_WH, moving.X_WO, moving.V_WO),
+        qd_last=qd_last,
+        obstacles=obstacles,
+        moving=moving,
+    )
+
+
+def step_back(X_WH: Array, X_WO: Array, V_WO: Array) -> Array:
+    """Twist (6,) of a hand at X_WH (4, 4) that leaves an object with twist V_WO (6,) backwards."""
+    lever = X_WH[:3, 3] - X_WO[:3, 3]
+    linear = V_WO[3:] + np.cross(V_WO[:3], lever) - _BACK_SPEED * X_WH[:3, 2]
+    return np.concatenate([V_WO[:3], linear])
+
+
+@compiled
+def _schedule_kernel(q, X_FG, X_WO, X_OG, corridor, values, frame):
+    """The reserve [m], and whether the object is between the fingers for none of the grasps."""
+    X_WH, extra_clearance = np.empty((4, 4)), _MOST
+    pose_jacobian_kernel(q, X_FG, X_WH, None)
+    X_OH = inverse_kernel(X_WO) @ X_WH
+    for k in range(len(X_OG)):
+        extra_clearance = min(extra_clearance, _SHARE * standoff_kernel(X_OG[k], X_OH, corridor))
+    middle = X_OH[0, 3], X_OH[1, 3], X_OH[2, 3]
+    if len(X_OG) == 0 or grid_kernel(middle, values, frame)[0] > _BETWEEN:
+        return extra_clearance, False
+    errors = np.empty((len(X_OG), 2))
+    grasp_errors_kernel(X_OG, X_OH, errors)
+    return extra_clearance, errors[:, 1].min() > _MISALIGNED

@@ -1,0 +1,149 @@
+"""How an arm looks with the camera on its hand for an object that is out of sight.
+
+It draws back until the camera is some way off the place where the object is expected, and turns the
+camera there. If the object does not show, the view goes round that place in circles that widen. An
+object that moves to and fro in front of the arm comes into such a view by itself, too.
+
+The poses from which the camera would see the place are many: from where it is or from nearer to the
+robot's base, at any turn about its axis. The arm goes to the one that it is soonest at; where it
+cannot be at any of them, the camera looks from all round the place, and from nearer and farther.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
+
+#: An object that was not seen for so long is looked for [s].
+SEARCH_AFTER = 0.25
+#: Distance of the camera from what it looks for [m].
+_DISTANCE = 0.38
+#: The camera looks from where it is, from the base, or from between: shares of the latter.
+_FROM_BASE = (0.0, 0.4, 1.0)
+#: Directions and distances [m] to look from where none of these can be reached.
+_ALL_ROUND, _DISTANCES = sphere_points(24, 1.0), (0.3, _DISTANCE, 0.46)
+#: Turns about the camera's axis that are tried.
+_ROLLS = 6
+#: The view begins to circle when the object has been out of sight so long [s], once in so long [s],
+#: and so quickly farther out [rad/s], up to this [rad].
+_CIRCLES_AFTER, _CIRCLE_PERIOD, _WIDENS, _WIDEST = 1.5, 4.0, 0.08, 0.35
+#: Share of the speed that joints may have, and rate at which the way that is left decreases [1/s].
+SPEED_SHARE, _GAIN = 0.5, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class SearchTarget(Frozen):
+    """An object that is looked for.
+
+    Attributes:
+        X_WO: Where it is expected, shape (4, 4) [m].
+        age: How long it has been out of sight [s].
+    """
+
+    X_WO: Array
+    age: float
+
+    def __post_init__(self) -> None:
+        """Freezes the array."""
+        self._freeze(X_WO=np.array(self.X_WO, dtype=float))
+
+
+def search_configuration(
+    search_target: SearchTarget, q: Array, X_WC: Array, reachability: Reachability
+) -> Array | None:
+    """The configuration from which the arm looks for an object.
+
+    Args:
+        search_target: What it looks for.
+        q: Joint positions [rad], shape (7,).
+        X_WC: Pose of the camera, which is on the hand, z forward, shape (4, 4).
+        reachability: Tells which configurations are admissible.
+
+    Returns:
+        Shape (7,) [rad]; None if there is none.
+    """
+    p_W = search_target.X_WO[:3, 3]
+    for sides, distances in ((_usual_sides(p_W, X_WC), (_DISTANCE,)), (_ALL_ROUND, _DISTANCES)):
+        z_W = _aside(-sides, search_target.age)
+        p_WC = p_W + np.array(distances)[:, None, None] * sides
+        views = turned_views(p_WC, np.broadcast_to(z_W, p_WC.shape), X_WC).reshape(-1, 4, 4)
+        found, times = configurations_at(views, q, X_WC, reachability)
+        best = int(np.argmin(times))
+        if np.isfinite(times[best]):
+            return found[best]
+    return None
+
+
+def configurations_at(
+    views: Array, q: Array, X_WC: Array, reachability: Reachability
+) -> tuple[Array, Array]:
+    """The configurations in which a camera on the hand is at other poses.
+
+    Args:
+        views: These poses, z forward, shape (n, 4, 4) [m].
+        q: Joint positions [rad], shape (7,).
+        X_WC: Where the camera is now, shape (4, 4).
+        reachability: Tells which configurations are admissible.
+
+    Returns:
+        The soonest one for each, shape (n, 7) [rad], and travel times, shape (n,) [s]: see
+        `Reachability.nearest`.
+    """
+    X_CH = se3.inverse(X_WC) @ forward_kinematics(q, reachability.gripper.X_FG)
+    return reachability.nearest(views @ X_CH, q)
+
+
+def turned_views(p_WC: Array, z_W: Array, X_WC: Array) -> Array:
+    """Poses of a camera at p (..., 3) that looks along unit z (..., 3), at any turn.
+
+    Returns:
+        Shape (..., m, 4, 4); the first turn is the nearest to that of the camera at X_WC (4, 4).
+    """
+    across = X_WC[:3, 0] - (z_W @ X_WC[:3, 0])[..., None] * z_W
+    x = direction(across, se3.perpendiculars(z_W)[0])
+    y, z = np.cross(z_W, x)[..., None, :], z_W[..., None, :]
+    roll = np.linspace(0.0, 2.0 * np.pi, _ROLLS, endpoint=False)[:, None]
+    turned = np.cos(roll) * x[..., None, :] + np.sin(roll) * y
+    R_WC = np.stack([turned, np.cross(z, turned), np.broadcast_to(z, turned.shape)], axis=-1)
+    return se3.make_pose(R_WC, p_WC[..., None, :])
+
+
+def search_velocity(q: Array, q_search: Array, speed: float = 1.0) -> Array:
+    """Joint velocity (7,) [rad/s] that takes the arm there, all joints in time with each other.
+
+    ``speed`` is the share of the velocity limits that the arm may use.
+    """
+    way = q_search - q
+    time = float(np.max(np.abs(way) / (speed * SPEED_SHARE * IIWA_7.velocity_limits)))
+    return np.asarray(min(_GAIN, 1.0 / max(time, 1e-9)) * way)
+
+
+def _usual_sides(p_W: Array, X_WC: Array) -> Array:
+    """Directions from a place to the camera, to the robot's shoulder, and between, shape (n, 3)."""
+    to_camera = direction(X_WC[:3, 3] - p_W, -X_WC[:3, 2])
+    shoulder = np.array([0.0, 0.0, IIWA_7.joint_heights[1]])
+    to_base = direction(shoulder - p_W, to_camera)
+    share = np.array(_FROM_BASE)[:, None]
+    return direction((1.0 - share) * to_camera + share * to_base, to_base)
+
+
+def _aside(z: Array, age: float) -> Array:
+    """Where is looked instead of along unit z (n, 3), after so long out of sight, shape (n, 3)."""
+    circling = max(age - _CIRCLES_AFTER, 0.0)
+    angle, phase = min(_WIDENS * circling, _WIDEST), 2.0 * np.pi * circling / _CIRCLE_PERIOD
+    x, y = se3.perpendiculars(z)
+    return np.asarray(np.cos(angle) * z + np.sin(angle) * (np.cos(phase) * x + np.sin(phase) * y))
+
+
+def direction(v: Array, otherwise: Array) -> Array:
+    """Unit vectors along v (..., 3); another where v has no length."""
+    length = np.linalg.norm(v, axis=-1, keepdims=True)
+    return np.where(length > 1e-6, v / np.maximum(length, 1e-6), otherwise)

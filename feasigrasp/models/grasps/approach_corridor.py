@@ -1,0 +1,104 @@
+"""The way into a grasp: along the approach direction, so that open fingers straddle the object.
+
+A straight line to the grasp would sweep a finger through the object. Instead the hand follows the
+grasp pose pulled back along its approach direction, by an amount that shrinks with the sideways and
+angular error: the hand lines up first and slides in once it is lined up.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
+
+
+class ApproachCorridor(NamedTuple):
+    """Shape of the funnel.
+
+    Attributes:
+        max_standoff: Longest distance pulled back [m].
+        lateral_gain: Standoff per sideways error beyond its tolerance [m/m].
+        angular_gain: Standoff per angle error beyond its tolerance [m/rad].
+        closing_tolerance: Error along the closing direction without standoff [m].
+        width_tolerance: Error along the width of the fingers without standoff [m].
+        angular_tolerance: Angle error without standoff [rad].
+        closing_axis_share: What a turn about the closing direction counts as an angle error: the
+            fingers stay beside the object, and only the palm goes round it.
+        min_standoff: Distance that is kept behind even where the hand has lined up [m].
+    """
+
+    max_standoff: float = 0.10
+    lateral_gain: float = 4.0
+    angular_gain: float = 0.3
+    closing_tolerance: float = 0.008
+    width_tolerance: float = 0.015
+    angular_tolerance: float = 0.2
+    closing_axis_share: float = 1.0
+    min_standoff: float = 0.0
+
+    @property
+    def parameters(self) -> ApproachCorridor:
+        """The same in floats: with integers among them the kernels would be compiled anew."""
+        return ApproachCorridor(*map(float, self))
+
+
+@compiled
+def _angle_between(X_OA, X_OB):
+    """Angle of the rotation from one pose to another [rad]."""
+    trace = 0.0
+    for i in range(3):
+        for j in range(3):
+            trace += X_OA[i, j] * X_OB[i, j]
+    return np.arccos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
+
+
+@compiled
+def _closing_axis_factor(X_OA, X_OB, share):
+    """By what the angle between poses shrinks if its part about the x-axis of A counts less."""
+    x = y = z = 0.0
+    for i in range(3):
+        x += X_OA[i, 2] * X_OB[i, 1] - X_OA[i, 1] * X_OB[i, 2]
+        y += X_OA[i, 0] * X_OB[i, 2] - X_OA[i, 2] * X_OB[i, 0]
+        z += X_OA[i, 1] * X_OB[i, 0] - X_OA[i, 0] * X_OB[i, 1]
+    across = y * y + z * z
+    total = x * x + across
+    return np.sqrt((share * share * x * x + across) / total) if total > 1e-12 else 1.0
+
+
+@compiled
+def standoff_kernel(X_OG, X_OH, corridor):
+    """How far hand H must stay behind grasp G along its approach direction [m]."""
+    px = py = 0.0
+    for i in range(3):
+        d = X_OH[i, 3] - X_OG[i, 3]
+        px += X_OG[i, 0] * d
+        py += X_OG[i, 1] * d
+    x = max(0.0, abs(px) - corridor.closing_tolerance)
+    y = max(0.0, abs(py) - corridor.width_tolerance)
+    angle = _angle_between(X_OG, X_OH)
+    if corridor.closing_axis_share != 1.0:
+        angle *= _closing_axis_factor(X_OG, X_OH, corridor.closing_axis_share)
+    angle = max(0.0, angle - corridor.angular_tolerance)
+    standoff = corridor.lateral_gain * np.hypot(x, y) + corridor.angular_gain * angle
+    return max(corridor.min_standoff, min(corridor.max_standoff, standoff))
+
+
+@compiled
+def grasp_errors_kernel(X_OG, X_OH, errors):
+    """Writes position [m] and angle [rad] error of the hand to every grasp, shape (n, 2)."""
+    for k in range(len(X_OG)):
+        square = 0.0
+        for i in range(3):
+            square += (X_OH[i, 3] - X_OG[k, i, 3]) ** 2
+        errors[k, 0] = np.sqrt(square)
+        errors[k, 1] = _angle_between(X_OG[k], X_OH)
+
+
+def grasp_errors(X_OG: Array, X_OH: Array) -> Array:
+    """Position [m] and angle [rad] error of the hand H to every grasp, shape (n, 2)."""
+    errors = np.empty((len(X_OG), 2))
+    grasp_errors_kernel(np.ascontiguousarray(X_OG), np.ascontiguousarray(X_OH), errors)
+    return errors

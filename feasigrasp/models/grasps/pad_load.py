@@ -1,0 +1,109 @@
+"""What the pads of grasps have to bear and can: the probability that a grasp carries its object.
+
+Weight that attacks beside the closing line turns the object about it, and nothing but the friction
+of the pads resists (`feasigrasp.models.grasps.payload`). About the other two axes they resist by
+where they press: on small patches, such as a hammer's head between the pads, that is not much more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr, ndtri
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.shape.mass import MassEstimate
+
+#: Of gravity, and what comes on top in any direction when the hand lifts and shakes [m/s^2].
+GRAVITY, HAND_ACCELERATION = 9.81, 2.0
+#: Standard deviation of the logarithm of what pads bear: of friction, and of patches on a surface
+#: that is a millimetre off.
+GRIP_SPREAD = 0.4
+
+
+@dataclass(frozen=True, eq=False)
+class PadLoad(Frozen):
+    """Loads on the pads in n grasps of one object.
+
+    Attributes:
+        R_OG: Axes of the grasp frames, in O, shape (n, 3, 3).
+        lever: From the pads to the centre of mass, in O, shape (n, 3) [m].
+        body: Mass and centre of mass of the object, and their errors.
+        force: Tangential force that both pads bear, shape (n,) [N].
+        moment: Moments about the axes of the grasp frame that both bear, shape (n, 3) [Nm].
+    """
+
+    R_OG: Array
+    lever: Array
+    body: MassEstimate
+    force: Array
+    moment: Array
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        names = ("R_OG", "lever", "force", "moment")
+        self._freeze(**{name: np.array(getattr(self, name), dtype=float) for name in names})
+
+    def select(self, keep: NDArray[np.generic]) -> PadLoad:
+        """The loads of the grasps that ``keep`` (mask or indices) names."""
+        return replace(
+            self,
+            R_OG=self.R_OG[keep],
+            lever=self.lever[keep],
+            force=self.force[keep],
+            moment=self.moment[keep],
+        )
+
+    def joined(self, other: PadLoad) -> PadLoad:
+        """These and others of the same object behind them."""
+        return replace(
+            self,
+            R_OG=np.concatenate([self.R_OG, other.R_OG]),
+            lever=np.concatenate([self.lever, other.lever]),
+            force=np.concatenate([self.force, other.force]),
+            moment=np.concatenate([self.moment, other.moment]),
+        )
+
+    def per_kilogram(self, down: ArrayLike | None = None) -> Array:
+        """Share of what the pads bear that one kilogram of the object takes, shape (n,).
+
+        It is 1 on the limit surface, the ellipsoid ``(f / f_max)^2 + sum_i (m_i / m_max,i)^2 = 1``.
+
+        Args:
+            down: Direction of gravity in O, shape (3,); None for the worst one for each moment.
+        """
+        r, e = np.einsum("nji,nj->ni", self.R_OG, self.lever), self.body.centre_error
+        beside = (r**2).sum(axis=1, keepdims=True) - r**2  # squared, of every axis
+        if down is None:
+            sideways, turning = np.ones(len(r)), beside + e * e
+        else:
+            g = np.asarray(down, dtype=float)
+            if g.shape != (3,) or not np.linalg.norm(g) > 0.0:
+                raise GraspError(f"down = {down}: give the direction of gravity, three numbers")
+            g = self.R_OG.transpose(0, 2, 1) @ (g / np.linalg.norm(g))
+            across = np.maximum(1.0 - g**2, 0.0)
+            sideways, turning = across[:, 0], np.cross(r, g) ** 2 + across * e * e
+        force = GRAVITY * np.sqrt(sideways) + HAND_ACCELERATION
+        by_hand = HAND_ACCELERATION * np.sqrt(beside + 2.0 * e * e)
+        moment = GRAVITY * np.sqrt(turning) + by_hand
+        with np.errstate(divide="ignore"):  # a patch of one cell bears no moment
+            shares = np.column_stack([force / self.force, moment / self.moment])
+        return np.asarray(np.linalg.norm(shares, axis=1))
+
+    def probability(self, down: ArrayLike | None = None, best: float | None = None) -> Array:
+        """How likely the pads bear the object's weight and what the hand does to it, shape (n,).
+
+        Args:
+            down: Direction of gravity in O, shape (3,); None for the worst one for each grasp.
+            best: The object is no heavier than one of the grasps carries so likely; without it, as
+                heavy as it is believed to be.
+        """
+        share = self.body.mass * self.per_kilogram(down)
+        spread = np.hypot(self.body.spread, GRIP_SPREAD)
+        margin = -np.log(share) / spread
+        if best is not None and np.isfinite(margin.max()):  # else none bears anything
+            margin += max(0.0, ndtri(best) - margin.max())
+        return np.asarray(ndtr(margin))

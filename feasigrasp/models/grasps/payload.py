@@ -1,0 +1,215 @@
+"""Grasps that carry: those whose pads bear the object's weight are kept, the others counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
+from feasigrasp.models.grasps.pad_load import PadLoad
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.shape.mass import estimate_mass
+
+# What two soft pads can hold: pressure on the patches they touch, and the moment of its friction.
+#
+# A pad is an elastic foundation (Winkler's; Johnson, "Contact Mechanics", 1985, section 4.3): where
+# it is pressed in by u it pushes back with ``k u``, whatever its neighbours do. A patch with the
+# pressure p bears a moment about the closing line of at most ``mu int |r - r_p| p dA``, with its
+# centre of pressure r_p, and moment and tangential force together inside an ellipsoid, its limit
+# surface (Howe & Cutkosky, "Practical force-motion models for sliding manipulation", 1996). About
+# an axis across the closing line the pressure moves to one side of the patch; ``int |s - s_p| p
+# dA``, with the distance s from the axis, is about what that brings before the patch opens.
+
+#: Cells that a pad is divided into along y and z of the grasp frame.
+CELLS = (5, 7)
+#: How finely a field tells the gap between pad and surface [m]: the pads are taken to be so
+#: soft that their force presses the whole pad in by this much; the simulated ones are harder.
+ROUGHNESS = 2e-4
+_STEPS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Grip(Frozen):
+    """What the pads bear in n grasps.
+
+    Attributes:
+        force: Tangential force that both pads bear together, for a coefficient of friction of 1,
+            which scales it [N].
+        moment: Moments about x, y and z of the grasp frame that both bear together, shape (n, 3);
+            that about x, the closing line, likewise for a coefficient of 1 [Nm].
+        p_OP: Where they bear it, the mean of the centres of pressure, shape (n, 3) [m].
+    """
+
+    force: float
+    moment: Array
+    p_OP: Array
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        self._freeze(moment=self.moment, p_OP=self.p_OP)
+
+
+def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Grip:
+    """What the pads bear where they meet a completed surface.
+
+    Args:
+        gpdf: Distance field in frame O.
+        grasps: Grasps in O; their widths say where the pads stop.
+        gripper: The hand: size and force of its pads.
+    """
+    y, z, area = pad_cells(gripper)
+    x, half = grasps.X_OG[:, :3, 0], 0.5 * grasps.width[:, None]
+    across = np.einsum("nij,kj->nki", grasps.X_OG[:, :3, 1:3], np.column_stack([y, z]))
+    stiffness = gripper.grip_force / (ROUGHNESS * area * len(y))
+    moment, middle = np.zeros((len(grasps), 3)), np.zeros((len(grasps), 2))
+    for way in (-1.0, 1.0):
+        on_pad = (grasps.X_OG[:, :3, 3] + way * half * x)[:, None] + across
+        gap = gpdf.refine(on_pad.reshape(-1, 3), _STEPS)[0].reshape(len(grasps), len(y))
+        pressure = contact_pressure(gap, area, stiffness, gripper.grip_force)
+        moment += moment_limits(y, z, pressure * area)
+        middle += 0.5 * pressure_centre(y, z, pressure)
+    p_OP = grasps.X_OG[:, :3, 3] + np.einsum("nij,nj->ni", grasps.X_OG[:, :3, 1:3], middle)
+    return Grip(2.0 * gripper.grip_force, moment, p_OP)
+
+
+def pad_cells(gripper: ParallelGripper) -> tuple[Array, Array, float]:
+    """Middles y, z of the cells of a pad in G, shapes (k,) [m], and the area of one [m^2]."""
+    sides = (gripper.finger_width, 2.0 * gripper.tip)
+    y, z = (s * ((np.arange(n) + 0.5) / n - 0.5) for s, n in zip(sides, CELLS, strict=True))
+    y, z = (part.ravel() for part in np.meshgrid(y, z, indexing="ij"))
+    return y, z, sides[0] * sides[1] / len(y)
+
+
+def contact_pressure(gap: Array, area: float, stiffness: float, force: float) -> Array:
+    """Pressure of pads that are pushed against surfaces until they bear a force.
+
+    Args:
+        gap: Distance of the surface from the face of the pad, in every cell, shape (n, k) [m].
+        area: Of a cell [m^2].
+        stiffness: k of the foundation [Pa/m].
+        force: The force [N].
+
+    Returns:
+        ``k max(0, d - gap)``, shape (n, k) [Pa], with the depth d at which it sums up to the force.
+    """
+    sorted_gap = np.sort(gap, axis=1)
+    cells = np.arange(1, gap.shape[1] + 1)
+    depth = (force / (stiffness * area) + np.cumsum(sorted_gap, axis=1)) / cells
+    # With j cells in touch the depth is beyond the j-th gap and before the next.
+    touching = np.maximum(1, (depth > sorted_gap).sum(axis=1))
+    depth = np.take_along_axis(depth, touching[:, None] - 1, axis=1)
+    return np.asarray(stiffness * np.maximum(0.0, depth - gap))
+
+
+def pressure_centre(y: Array, z: Array, weight: Array) -> Array:
+    """Centres of pressure (n, 2) [m] of cells at y, z, shapes (k,), with weights (n, k)."""
+    share = weight / weight.sum(axis=1, keepdims=True)
+    return np.column_stack([share @ y, share @ z])
+
+
+def moment_limits(y: Array, z: Array, force: Array) -> Array:
+    """Greatest moments that patches bear about their centres of pressure.
+
+    Args:
+        y: Where the cells are, shape (k,) [m].
+        z: The same, shape (k,) [m].
+        force: Normal force in every cell, shape (n, k) [N].
+
+    Returns:
+        About x, y and z: ``sum_i f_i |r_i - r_p|``, by friction with a coefficient of 1,
+        ``sum_i f_i |z_i - z_p|`` and ``sum_i f_i |y_i - y_p|``, shape (n, 3) [Nm].
+    """
+    centre = pressure_centre(y, z, force)
+    across, along = np.abs(y - centre[:, :1]), np.abs(z - centre[:, 1:])
+    arms = np.stack([np.hypot(across, along), along, across])
+    return np.asarray((force * arms).sum(axis=-1).T)
+
+
+#: Friction of rubber on household surfaces; and the share of the moments of its patches that pads
+#: are trusted with. It is a choice: but for boxes, patches are smaller than they look on a
+#: completed surface, not quite opposite each other, and what they press beside takes friction.
+FRICTION, MOMENT_SHARE = 0.6, 0.35
+#: A grasp is sure to carry if it is so likely. Objects are there to be carried: one that seems too
+#: heavy for all grasps is taken to be so light that the best one carries it with ``BEST``.
+LEAST_PROBABILITY, BEST = 0.7, 0.76
+#: One that is by this factor less likely than what is asked of it does not carry.
+_HOPELESS = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadModel:
+    """What is known before anything is seen: the hand, perhaps the mass.
+
+    Attributes:
+        gripper: The hand.
+        mass: Mass of the object, if it is known [kg].
+
+    Raises:
+        GraspError: The mass is not a positive number.
+    """
+
+    gripper: ParallelGripper
+    mass: float | None = None
+
+    def __post_init__(self) -> None:
+        """Checks the mass."""
+        if self.mass is not None and not 0.0 < self.mass < np.inf:
+            raise GraspError(f"mass = {self.mass}: give kilograms, or None if it is not known")
+
+    def with_loads(self, gpdf: Gpdf, grasps: GraspSet) -> GraspSet:
+        """The same grasps with what their pads would bear (`GraspSet.load`)."""
+        if len(grasps) == 0:
+            return grasps
+        grip = grip_of(gpdf, grasps, self.gripper)
+        body = estimate_mass(gpdf, self.mass)
+        load = PadLoad(
+            R_OG=grasps.X_OG[:, :3, :3],
+            lever=body.p_OC - grip.p_OP,
+            body=body,
+            force=np.full(len(grasps), FRICTION * grip.force),
+            moment=MOMENT_SHARE * grip.moment * [FRICTION, 1.0, 1.0],
+        )
+        return replace(grasps, load=load)
+
+
+def rated_by_payload(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
+    """The grasps with how sure they are to carry.
+
+    Args:
+        grasps: Grasps in O with their loads; without them they are returned as they are.
+        down: Direction of gravity in O, shape (3,). Without it the worst one for each grasp counts,
+            and none is dropped: it may yet be lifted another way.
+
+    Returns:
+        Best first, their scores multiplied by the probability that the pads bear the load, of an
+        object that one of them carries (`BEST`). Over what is asked, `LEAST_PROBABILITY`, it is
+        `GraspSet.payload_score`. What hardly carries counts as "too heavy there" and is dropped.
+    """
+    if grasps.load is None or len(grasps) == 0:
+        return grasps
+    likely = grasps.load.probability(down, BEST)
+    ranked = replace(grasps, score=grasps.score * likely, payload_score=likely / LEAST_PROBABILITY)
+    ranked = ranked.select(np.argsort(-ranked.score, kind="stable"))
+    return ranked if down is None else filter_by_payload(ranked, _HOPELESS)
+
+
+def payload_filtered(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
+    """The grasps that carry, as far as one can tell, for who does not know what is in reach.
+
+    Arguments as for `rated_by_payload`. Those of its grasps stay that are sure, and without
+    ``down`` all.
+    """
+    some = rated_by_payload(grasps, down)
+    return some if down is None else filter_by_payload(some, 1.0)
+
+
+def filter_by_payload(grasps: GraspSet, least: float) -> GraspSet:
+    """The grasps that are as sure to carry as that; all if nobody has told how sure they are."""
+    if grasps.payload_score is None:
+        return grasps
+    return grasps.select(np.flatnonzero(grasps.payload_score >= least), Rejection.TOO_HEAVY)

@@ -1,0 +1,87 @@
+"""How likely a grasp of a completed surface is a grasp of the true one.
+
+What the camera did not see was made up, so neither contacts nor clearances are certain. The
+probabilities here are logistic in what the distance field and a network tell, with coefficients
+fitted to the verdicts of true meshes (`feasigrasp_lab.training.data.grasp_truth`) on objects that
+no training and no evaluation uses, by ``feasigrasp fit certainty``. Their product ranks grasps, and
+says how much is left to chance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.shape.surface_error import surface_deviation
+
+#: Distance from a contact to the surface points round it whose normals count as well [m]: the
+#: completed surface is off by a few millimetres, and beside an edge another face is met.
+PATCH_RADIUS = 0.004
+#: Error of a clearance: where the surface was seen [m], and per predicted deviation.
+_CLEARANCE_ERROR, _DEVIATION_SHARE = 0.003, 0.67
+#: Log odds that contacts are good: constant, per radian of both normals off the closing line, per
+#: metre of both predicted deviations.
+CONTACT = (3.287, -4.141, -120.614)
+#: The same by both witnesses: constant, per log odds of a network and of the field. Both have seen
+#: the same surface, so they count less than independent ones would.
+JOINT_CONTACT = (0.601, 0.45, 0.585)
+#: In thin walls: constant, per log odds of a network, per metre of both predicted deviations.
+THIN_CONTACT = (1.88, 0.671, -471.242)
+#: Log odds that the hand is free: constant, per clearance in units of its error.
+CLEARANCE = (0.644, 0.898)
+#: The same by both witnesses, as `JOINT_CONTACT`.
+JOINT_CLEARANCE = (0.256, 0.375, 0.422)
+#: The same where the field knows nothing: constant, per log odds of a network.
+UNOBSERVED_CLEARANCE = (1.044, 0.201)
+#: The mean log odds of two probabilities.
+MEAN = (0.0, 0.5, 0.5)
+_LEAST_PROBABILITY = 1e-4
+#: Further away than this a hand is certainly free [m].
+FAR = 0.012
+
+
+def contact_evidence(gpdf: Gpdf, pairs: GraspSet) -> tuple[Array, Array]:
+    """What the field tells of contacts, as sums over both of them.
+
+    Returns:
+        Angle between closing line and surface normals, averaged over a patch round each contact,
+        shape (n,) [rad]; predicted deviation of the surface there, shape (n,) [m].
+    """
+    b, half = pairs.X_OG[:, :3, 0], 0.5 * pairs.width[:, None] * pairs.X_OG[:, :3, 0]
+    first, second = pairs.X_OG[:, :3, 3] - half, pairs.X_OG[:, :3, 3] + half
+    angles = _patch_angle(gpdf, first, -b, pairs) + _patch_angle(gpdf, second, b, pairs)
+    return angles, surface_deviation(gpdf, first) + surface_deviation(gpdf, second)
+
+
+def clearance_evidence(clearance: Array, deviation: Array) -> Array:
+    """Clearances in units of their errors, shape (n,).
+
+    Args:
+        clearance: Least distance of the hand from the completed surface, shape (n,) [m].
+        deviation: Predicted deviation of the surface where the hand is closest, shape (n,) [m].
+    """
+    return clearance / (_CLEARANCE_ERROR + _DEVIATION_SHARE * deviation)
+
+
+def odds(p: Array) -> Array:
+    """Log odds of probabilities (n,)."""
+    p = np.clip(p, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY)
+    return np.asarray(np.log(p / (1.0 - p)))
+
+
+def probability(coefficients: tuple[float, ...], *evidence: Array) -> Array:
+    """Logistic in pieces of evidence (n,): `CONTACT` and the others say in which."""
+    constant, *slopes = coefficients
+    x = constant + sum(slope * part for slope, part in zip(slopes, evidence, strict=True))
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0))))
+
+
+def _patch_angle(gpdf: Gpdf, contact: Array, outward: Array, pairs: GraspSet) -> Array:
+    """Mean angle between a direction and the normals of a patch round each contact (n,) [rad]."""
+    y, z = pairs.X_OG[:, :3, 1], pairs.X_OG[:, :3, 2]
+    around = np.stack([y, -y, z, -z], axis=1) * PATCH_RADIUS + contact[:, None]
+    _, _, normals = gpdf.refine(around.reshape(-1, 3), 2)
+    cosine = np.einsum("nki,ni->nk", normals.reshape(-1, 4, 3), outward)
+    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)).mean(axis=1))

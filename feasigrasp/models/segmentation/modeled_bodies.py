@@ -1,0 +1,198 @@
+"""Pixels that show what is known: the robot at its measured joints, and the cell that stands still.
+
+The arm is made of the capsules of `models.robot.capsules`, the hand of boxes that fit it closely,
+since the object comes between its fingers, and the cell of boxes too. A point belongs to a body if
+it lies in it, or no farther from it than `MARGIN` and what the camera's noise explains.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.arrays import Array, Floats
+from feasigrasp.models.compiled import compiled
+from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
+from feasigrasp.models.robot.capsules import capsule_model
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
+
+#: Kinds of pixels; `ModeledBodies` tells all but the last one.
+UNOBSERVED, FREE, ROBOT, CELL, CARRIER = 0, 1, 2, 3, 4
+#: How far bodies may be off where they are believed to be [m].
+MARGIN = 0.005
+#: So many standard deviations of a depth are noise.
+SIGMAS = 3.0
+#: The guide in which the fingers run is wider than they are, and so long [m].
+_GUIDE_RIM, _GUIDE_LENGTH = 0.003, 0.014
+#: Half the width of what joins palm and flange; of the bracket that carries the camera, half its
+#: width, how far it reaches behind the palm, and how far beyond the camera's middle [m].
+_MOUNT_HALF = 0.034
+_BRACKET_HALF, _BRACKET_DEPTH, _BRACKET_REACH = 0.018, 0.026, 0.015
+
+
+class Boxes(NamedTuple):
+    """Boxes in the world.
+
+    Attributes:
+        X_WB: Poses of their middles, shape (k, 4, 4).
+        half: Half their sizes, shape (k, 3) [m].
+    """
+
+    X_WB: Array
+    half: Array
+
+    @classmethod
+    def none(cls) -> Boxes:
+        """No box."""
+        return cls(np.zeros((0, 4, 4)), np.zeros((0, 3)))
+
+
+def hand_boxes(gripper: ParallelGripper, X_WG: Array, opening: float) -> Boxes:
+    """Fingers, guide and palm of a hand, its mount, and the camera on its bracket.
+
+    Args:
+        gripper: The hand.
+        X_WG: Pose of its grasp frame, shape (4, 4).
+        opening: Distance between its pads [m].
+    """
+    thick, wide = gripper.finger_thickness, gripper.finger_width
+    x = max(opening, 0.0) / 2 + thick / 2
+    tip, heel, palm = gripper.tip, gripper.heel, np.array(gripper.palm_size)
+    back = heel - palm[2]
+    reach = gripper.max_opening / 2 + thick
+    guide = np.array([reach + _GUIDE_RIM, wide / 2 + _GUIDE_RIM])
+    mount = np.array([_MOUNT_HALF, _MOUNT_HALF])
+    camera, housing = np.array(gripper.camera_center), np.array(gripper.camera_box) / 2
+    # Lower and upper corners in G.
+    corners = np.array(
+        [
+            [[x - thick / 2, -wide / 2, heel], [x + thick / 2, wide / 2, tip]],
+            [[-x - thick / 2, -wide / 2, heel], [-x + thick / 2, wide / 2, tip]],
+            [[*-guide, heel], [*guide, heel + _GUIDE_LENGTH]],
+            [[*-palm[:2] / 2, back], [*palm[:2] / 2, heel]],
+            [[*-mount, -gripper.tool_offset], [*mount, back]],
+            [
+                [-_BRACKET_HALF, 0.0, back - _BRACKET_DEPTH],
+                [_BRACKET_HALF, camera[1] + _BRACKET_REACH, back],
+            ],
+            [camera - housing, camera + housing],
+        ]
+    )
+    X_GB = np.tile(np.eye(4), (len(corners), 1, 1))
+    X_GB[:, :3, 3] = corners.mean(axis=1)
+    return Boxes(X_WG @ X_GB, 0.5 * np.ptp(corners, axis=1))
+
+
+class ModeledBodies:
+    """The robot and its cell."""
+
+    def __init__(self, gripper: ParallelGripper, cell: Boxes | None = None) -> None:
+        """An arm that carries ``gripper`` in a cell of boxes, by default an empty one."""
+        self.gripper, self._cell = gripper, cell or Boxes.none()
+        self._arm = capsule_model(with_hand=False)
+
+    def hand(self, q: Array) -> Array:
+        """Where the hand is at joint positions (7,) [rad], shape (3,) [m]."""
+        return forward_kinematics(q, self.gripper.X_FG)[:3, 3]
+
+    def kinds(
+        self, points: Floats, X_WC: Array, q: Array, opening: float, noise: float
+    ) -> NDArray[np.uint8]:
+        """What each pixel shows: `UNOBSERVED`, `ROBOT`, `CELL`, or `FREE` for anything else.
+
+        Args:
+            points: Points of a view in W, not finite where nothing was measured, shape (n, 3) [m].
+            X_WC: Pose of the camera, shape (4, 4).
+            q: Measured joint positions, shape (7,) [rad].
+            opening: Measured distance between the pads [m].
+            noise: Of its depths, see `Camera.depth_noise` [1/m].
+
+        Returns:
+            Shape (n,).
+        """
+        R, p = np.empty((IIWA_7.joints + 1, 3, 3)), np.empty((IIWA_7.joints + 1, 3))
+        link_poses_kernel(np.ascontiguousarray(q, dtype=float), R, p)
+        arm = self._arm
+        ends = np.einsum("cij,ckj->cki", R[arm.link], arm.ends) + p[arm.link][:, None]
+        hand = hand_boxes(self.gripper, forward_kinematics(q, self.gripper.X_FG), opening)
+        kinds = np.empty(len(points), dtype=np.uint8)
+        _kinds(
+            np.ascontiguousarray(points, dtype=np.float32),
+            np.ascontiguousarray(X_WC, dtype=float),
+            SIGMAS * noise,
+            (np.ascontiguousarray(ends), arm.radius),
+            (np.ascontiguousarray(hand.X_WB), hand.half),
+            (np.ascontiguousarray(self._cell.X_WB), self._cell.half),
+            kinds,
+        )
+        return kinds
+
+
+@compiled(nogil=True)
+def _kinds(points, X_WC, spread, arm, hand, cell, kinds):
+    """Writes the kind of each point (n, 3)."""
+    lines = _lines(arm)
+    for i in range(len(points)):
+        x, y, z = float(points[i, 0]), float(points[i, 1]), float(points[i, 2])
+        if not np.isfinite(x + y + z):
+            kinds[i] = UNOBSERVED
+            continue
+        depth = (
+            (x - X_WC[0, 3]) * X_WC[0, 2]
+            + (y - X_WC[1, 3]) * X_WC[1, 2]
+            + (z - X_WC[2, 3]) * X_WC[2, 2]
+        )
+        margin = MARGIN + spread * depth * depth
+        if _in_boxes(x, y, z, cell, margin):  # most pixels show the table
+            kinds[i] = CELL
+        elif _in_boxes(x, y, z, hand, margin) or _in_capsules(x, y, z, lines, arm, margin):
+            kinds[i] = ROBOT
+        else:
+            kinds[i] = FREE
+
+
+@compiled(nogil=True)
+def _lines(capsules):
+    """For each capsule the vector along its segment, and one over its square, (k, 4)."""
+    ends, _ = capsules
+    lines = np.empty((len(ends), 4))
+    for k in range(len(ends)):
+        square = 1e-18
+        for j in range(3):
+            lines[k, j] = ends[k, 1, j] - ends[k, 0, j]
+            square += lines[k, j] ** 2
+        lines[k, 3] = 1.0 / square
+    return lines
+
+
+@compiled(nogil=True)
+def _in_capsules(x, y, z, lines, capsules, margin):
+    ends, radius = capsules
+    for k in range(len(ends)):
+        a, b, c = x - ends[k, 0, 0], y - ends[k, 0, 1], z - ends[k, 0, 2]
+        share = (a * lines[k, 0] + b * lines[k, 1] + c * lines[k, 2]) * lines[k, 3]
+        share = min(max(share, 0.0), 1.0)
+        a, b, c = a - share * lines[k, 0], b - share * lines[k, 1], c - share * lines[k, 2]
+        if a * a + b * b + c * c < (radius[k] + margin) ** 2:
+            return True
+    return False
+
+
+@compiled(nogil=True)
+def _in_boxes(x, y, z, boxes, margin):
+    X_WB, half = boxes
+    for k in range(len(half)):
+        a, b, c = x - X_WB[k, 0, 3], y - X_WB[k, 1, 3], z - X_WB[k, 2, 3]
+        inside = True
+        for j in range(3):
+            along = a * X_WB[k, 0, j] + b * X_WB[k, 1, j] + c * X_WB[k, 2, j]
+            if abs(along) > half[k, j] + margin:
+                inside = False
+                break
+        if inside:
+            return True
+    return False

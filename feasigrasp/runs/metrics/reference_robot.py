@@ -1,0 +1,181 @@
+"""A second model of the robot, to judge runs by: what is seen of it collides, and it has weight.
+
+Nothing here is shared with what controls the arm or with what the simulation collides: the shapes
+are cut out of the visible meshes, the distances and the gravity torques are Drake's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import combinations, pairwise
+
+import numpy as np
+import trimesh
+from pydrake.common import MemoryFile
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
+from pydrake.geometry import (
+    CollisionFilterDeclaration,
+    Convex,
+    GeometryId,
+    GeometrySet,
+    InMemoryMesh,
+    Mesh,
+    ProximityProperties,
+    Role,
+)
+from pydrake.multibody.parsing import (
+    ModelDirective,
+    ModelDirectives,
+    Parser,
+    ProcessModelDirectives,
+)
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import DiagramBuilder
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.resources import model_path
+
+#: Of how many slices across its z-axis the hulls of a body are made, if not of the whole: the hull
+#: of the whole forearm would fill the fork in which the wrist turns.
+SLICES = {"iiwa_link_5": 12}
+
+
+def reference_robot(directives: Sequence[ModelDirective]) -> ReferenceRobot:
+    """The twin of a cell, made once for a process."""
+    return _reference_robot(yaml_dump_typed(ModelDirectives(directives=list(directives))))
+
+
+@lru_cache(maxsize=4)
+def _reference_robot(text: str) -> ReferenceRobot:
+    return ReferenceRobot(yaml_load_typed(schema=ModelDirectives, data=text).directives)
+
+
+class ReferenceRobot:
+    """Arm, gripper with open fingers, and camera, as a cell's directives describe them.
+
+    Attributes:
+        names: Bodies of the robot, the base first.
+        pairs: Those of them that are not neighbours, as places in ``names``, shape (p, 2).
+            Neighbours move with the same link, or with links that a joint connects.
+    """
+
+    def __init__(self, directives: Sequence[ModelDirective]) -> None:
+        """Loads the cell anew."""
+        builder = DiagramBuilder()
+        self.plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+        parser = Parser(self.plant)
+        parser.package_map().AddPackageXml(str(model_path("package.xml")))
+        ProcessModelDirectives(ModelDirectives(directives=list(directives)), self.plant, parser)
+        instances = [
+            self.plant.GetModelInstanceByName(name)
+            for name in ("iiwa", "gripper", "camera")
+            if self.plant.HasModelInstanceNamed(name)
+        ]
+        self._arm = instances[0]
+        bodies = [self.plant.get_body(k) for i in instances for k in self.plant.GetBodyIndices(i)]
+        hulls = [self._add_hulls(body) for body in bodies]
+        self.plant.Finalize()
+        seen = [k for k, own in enumerate(hulls) if own]
+        self.names = [bodies[k].name() for k in seen]
+        self.pairs = self._keep_apart([bodies[k] for k in seen], [hulls[k] for k in seen])
+        self._of = {hull: n for n, k in enumerate(seen) for hull in hulls[k]}
+        diagram = builder.Build()
+        self._root = diagram.CreateDefaultContext()
+        self._context = self.plant.GetMyContextFromRoot(self._root)
+        for instance in instances[1:]:
+            upper = self.plant.GetPositionsFromArray(instance, self.plant.GetPositionUpperLimits())
+            self.plant.SetPositions(self._context, instance, upper)
+
+    def self_distances(self, Q: Array, below: float = np.inf) -> Array:
+        """Signed distances of the pairs, shape (n, p) [m]; infinite where not ``below``.
+
+        Args:
+            Q: Joint positions, shape (n, 7) [rad].
+            below: Greater distances do not matter, and cost little [m].
+        """
+        place = {frozenset(pair): k for k, pair in enumerate(map(tuple, self.pairs.tolist()))}
+        found = np.full((len(Q), len(place)), np.inf)
+        for row, q in zip(found, Q, strict=True):
+            for near in self._query(q).ComputeSignedDistancePairwiseClosestPoints(below):
+                k = place[frozenset((self._of[near.id_A], self._of[near.id_B]))]
+                row[k] = min(row[k], near.distance)
+        return found
+
+    def gravity_torques(self, Q: Array) -> Array:
+        """Torques that bear the weight of arm, hand and camera at rest, shape (n, 7) [Nm].
+
+        Args:
+            Q: Joint positions, shape (n, 7) [rad].
+        """
+        torques = np.empty((len(Q), IIWA_7.joints))
+        for row, q in zip(torques, Q, strict=True):
+            self.plant.SetPositions(self._context, self._arm, q)
+            weight = self.plant.CalcGravityGeneralizedForces(self._context)
+            row[:] = -self.plant.GetVelocitiesFromArray(self._arm, weight)
+        return torques
+
+    def _query(self, q: Array):  # type: ignore[no-untyped-def]
+        self.plant.SetPositions(self._context, self._arm, q)
+        context = self._scene_graph.GetMyContextFromRoot(self._root)
+        return self._scene_graph.get_query_output_port().Eval(context)
+
+    def _add_hulls(self, body: RigidBody) -> list[GeometryId]:
+        """Gives a body the hulls of what is seen of it as collision geometry."""
+        inspector = self._scene_graph.model_inspector()
+        hulls: list[GeometryId] = []
+        for visual in self.plant.GetVisualGeometriesForBody(body):
+            shape, X_BV = inspector.GetShape(visual), inspector.GetPoseInFrame(visual)
+            if not isinstance(shape, Mesh):
+                continue
+            for piece in slices(shape, SLICES.get(body.name(), 1)):
+                text = trimesh.exchange.obj.export_obj(piece, header=None, include_normals=False)
+                memory = InMemoryMesh(mesh_file=MemoryFile(text.encode(), ".obj", "slice"))
+                name = f"hull {len(hulls)} of {inspector.GetName(visual)}"
+                hulls.append(
+                    self.plant.RegisterCollisionGeometry(
+                        body, X_BV, Convex(memory), name, ProximityProperties()
+                    )
+                )
+        return hulls
+
+    def _keep_apart(self, bodies: list[RigidBody], hulls: list[list[GeometryId]]) -> Array:
+        """Lets the hulls of bodies that are not neighbours collide, and nothing else."""
+        links = {name: k for k, name in enumerate(IIWA_7.link_names)}
+        carried = IIWA_7.joints  # the hand and the camera move with the last link
+        link = [links.get(body.name(), carried) for body in bodies]
+        pairs = [(a, b) for a, b in combinations(range(len(bodies)), 2) if link[b] - link[a] >= 2]
+        inspector = self._scene_graph.model_inspector()
+        everything = GeometrySet(inspector.GetAllGeometryIds(Role.kProximity))
+        filters = self._scene_graph.collision_filter_manager()
+        filters.Apply(CollisionFilterDeclaration().ExcludeWithin(everything))
+        for a, b in pairs:
+            between = GeometrySet(hulls[a]), GeometrySet(hulls[b])
+            filters.Apply(CollisionFilterDeclaration().AllowBetween(*between))
+        return np.array(pairs)
+
+
+def slices(shape: Mesh, n: int) -> list[trimesh.Trimesh]:
+    """Convex hulls of ``n`` slices of a mesh; together they hold all its triangles."""
+    mesh = trimesh.load_mesh(shape.source().path(), process=False)
+    if shape.extension() == ".gltf":
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    mesh.apply_scale(shape.scale3())
+    points, edges = mesh.vertices, mesh.vertices[mesh.edges_unique]
+    low, high = mesh.bounds[:, 2]
+    cuts = np.linspace(low, high, n + 1)
+    found = []
+    for bottom, top in pairwise(cuts):
+        inside = points[(points[:, 2] >= bottom) & (points[:, 2] <= top)]
+        found.append(np.concatenate([inside, _crossing(edges, bottom), _crossing(edges, top)]))
+    return [trimesh.convex.convex_hull(piece) for piece in found]
+
+
+def _crossing(edges: Array, height: float) -> Array:
+    """Where edges (n, 2, 3) cross a height, shape (k, 3)."""
+    over = edges[:, :, 2] - height
+    a, b = edges[over[:, 0] * over[:, 1] < 0.0].swapaxes(0, 1)
+    share = (height - a[:, 2:]) / (b[:, 2:] - a[:, 2:])
+    return np.asarray(a + share * (b - a))
