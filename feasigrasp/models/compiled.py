@@ -31,6 +31,7 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """
     ours: dict[str, Any] = {"cache": True, "error_model": "numpy"}
     ours |= {"fastmath": False, "forceinline": False}
+    ours["no_cfunc_wrapper"] = True  # nobody takes a function's address; 6 % of the time to compile
     decorator: Any = njit(**(ours | options))
     return decorator if function is None else decorator(function)
 

@@ -6,6 +6,7 @@ with a line: nothing, or why it could not be compiled.
 
 from __future__ import annotations
 
+import gc
 import sys
 
 from feasigrasp.warm_up.kernels import Kernel
@@ -14,6 +15,7 @@ from feasigrasp.warm_up.signatures import parse_signature
 
 def main() -> None:
     """Answers until there is no more to read."""
+    gc.disable()  # numba makes many objects and little garbage; 8 % of the time to compile
     answers, sys.stdout = sys.stdout, sys.stderr  # nothing else may be written among the answers
     for line in sys.stdin:
         print(_compile(Kernel(*line.rstrip("\n").split("\t"))), file=answers, flush=True)

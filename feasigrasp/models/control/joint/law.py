@@ -104,7 +104,7 @@ def _descent_kernel(left, gradient, gain, max_speed, qd):
         qd[k] = -speed * min(1.0, slope) * gradient[k] / slope
 
 
-@compiled
+@compiled(forceinline=True)
 def field_kernel(
     q,
     X_FG,
