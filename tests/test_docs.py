@@ -12,7 +12,7 @@ from tools.run_schema import run_schema
 
 REPOSITORY = Path(__file__).parents[1]
 DOCS = sorted((REPOSITORY / "docs").glob("*.md"))
-CARDS = sorted((REPOSITORY / "feasigrasp" / "models" / "weights").glob("*.md"))
+CARDS = sorted(REPOSITORY.glob("feasigrasp*/**/weights/*.md"))
 PAGES = [REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md", *DOCS, *CARDS]
 CODE = [
     file

@@ -18,9 +18,9 @@ from types import ModuleType
 from feasigrasp import cli
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
+from feasigrasp.models.keys import Span
 from feasigrasp.runs.metrics.table import METRICS, UNITLESS
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
-from feasigrasp.scenario.limits import CHOICES, LIMITS
 from feasigrasp.scenario.parts import PartConfig
 from feasigrasp.scenario.schema import BezierPath, Scenario
 from tools.run_schema import run_schema
@@ -107,16 +107,21 @@ def described(kind: type) -> dict[str, str]:
     return {name: " ".join(meaning.split()).replace("``", "`") for name, meaning in found}
 
 
-def key_rows(prefix: str, kind: type, default: object) -> Iterator[str]:
+def key_rows(kind: type, default: object) -> Iterator[str]:
     """A row for each field of a dataclass."""
     meaning = described(kind)
     for field in dc.fields(kind):
-        key = f"{prefix}.{field.name}".lstrip(".")
-        words = ", ".join(f"`{word}`" for word in CHOICES.get(key, ()))
-        least, most, unit = LIMITS.get(key, (None, None, ""))
-        span = words or ("" if least is None else f"{least:.4g} to {most:.4g} {unit}".strip())
+        words = ", ".join(f"`{word}`" for word in field.metadata.get("words", ()))
+        span = words or spanned(field.metadata.get("span"))
         value = shown(getattr(default, field.name))
         yield f"| `{field.name}` | {value} | {span} | {meaning.get(field.name, '')} |\n"
+
+
+def spanned(span: Span | None) -> str:
+    """A range with its unit; empty if there is none."""
+    if span is None:
+        return ""
+    return f"{span.low:.4g} to {span.high:.4g} {span.unit}".strip()
 
 
 def shown(value: object) -> str:
@@ -137,21 +142,16 @@ def keys() -> Iterator[str]:
     meaning = described(Scenario)
     sections = {f.name: getattr(scenario, f.name) for f in dc.fields(Scenario)}
     plain = [name for name in sections if not is_section(sections[name]) and name not in DRAKES]
-    yield head + "".join(r for r in key_rows("", Scenario, scenario) if r.split("`")[1] in plain)
+    yield head + "".join(r for r in key_rows(Scenario, scenario) if r.split("`")[1] in plain)
     for name, section in sections.items():
         if is_section(section):
-            rows = list(key_rows(name, type(section), section))
+            rows = list(key_rows(type(section), section))
             yield f"### `{name}`\n\n{meaning[name]}\n\n{head}{''.join(rows)}"
         for key, kinds in NESTED.items():
             if re.match(rf"{name}\b", key):
                 each = kinds if isinstance(kinds, tuple) else (kinds,)
-                rows = [row for kind in each for row in key_rows(base(key), kind, kind())]
+                rows = [row for kind in each for row in key_rows(kind, kind())]
                 yield f"### `{key}`\n\n{head}{''.join(rows)}"
-
-
-def base(key: str) -> str:
-    """Where the limits of a nested structure stand."""
-    return key.partition(":")[0]
 
 
 def is_section(value: object) -> bool:

@@ -2,6 +2,8 @@
 
 import dataclasses as dc
 
+from feasigrasp.models.keys import PLACE, TURN, key
+
 
 @dc.dataclass
 class BoxConfig:
@@ -13,9 +15,9 @@ class BoxConfig:
         rpy_deg: Roll, pitch and yaw about the axes of the base [deg].
     """
 
-    size: list[float] = dc.field(default_factory=lambda: [0.1, 0.1, 0.1])
-    position: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 0.0])
-    rpy_deg: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 0.0])
+    size: list[float] = key([0.1, 0.1, 0.1], 0.001, 10.0, "m")
+    position: list[float] = key([0.0, 0.0, 0.0], *PLACE)
+    rpy_deg: list[float] = key([0.0, 0.0, 0.0], *TURN)
 
 
 @dc.dataclass
@@ -30,9 +32,9 @@ class MeshConfig:
     """
 
     file: str = ""
-    scale: float = 1.0
-    position: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 0.0])
-    rpy_deg: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 0.0])
+    scale: float = key(1.0, 1e-06, 1000000.0)
+    position: list[float] = key([0.0, 0.0, 0.0], *PLACE)
+    rpy_deg: list[float] = key([0.0, 0.0, 0.0], *TURN)
 
 
 @dc.dataclass
@@ -48,7 +50,7 @@ class CellConfig:
         meshes: Meshes by name.
     """
 
-    table_height: float = 0.0
-    table_clearance: float = 0.01
+    table_height: float = key(0.0, -1.0, 0.1, "m")
+    table_clearance: float = key(0.01, 0.0, 0.2, "m")
     boxes: dict[str, BoxConfig] = dc.field(default_factory=dict)
     meshes: dict[str, MeshConfig] = dc.field(default_factory=dict)

@@ -1,11 +1,11 @@
-"""Checks the values of a scenario: each by the tables of `limits`, and what must fit together."""
+"""Checks the values of a scenario: each by its field, and what must fit together."""
 
 from __future__ import annotations
 
 import dataclasses as dc
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,14 +15,15 @@ from feasigrasp.models.choices import nearest
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.control.mode import ControlSpace
+from feasigrasp.models.keys import Span, metadata_of
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.plugins import plugins
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
+from feasigrasp.scenario.drake_keys import SPANS, WORDS
 from feasigrasp.scenario.faults import check_faults
 from feasigrasp.scenario.keys import general, members
-from feasigrasp.scenario.limits import CHOICES, LIMITS
 from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.parts import Part, check_parts
 from feasigrasp.scenario.sampling import camera_errors
@@ -46,6 +47,10 @@ _ORDERED = (
 _NOT_GREATER = (("clipping_near", "z_near"), ("z_far", "clipping_far"))
 
 
+#: What the entries of ``camera_noise`` may be.
+_NOISE = metadata_of(DepthNoise) | metadata_of(HandEyeError)
+
+
 def check_scenario(scenario: Scenario) -> None:
     """Checks what the types of a scenario cannot say.
 
@@ -54,10 +59,10 @@ def check_scenario(scenario: Scenario) -> None:
     """
     _check_choices(scenario)
     _check_camera_noise(scenario)
-    for path, index, value in numbers(scenario):
+    for path, index, value, span in numbers(scenario):
         # Each fault has a table of its own; what a part takes, the part knows.
         if path[0] not in ("faults", "parts"):
-            _check_number(path, index, value)
+            _check_number(path, index, value, span)
     _check_gripper(scenario)
     _check_cell(scenario)
     check_parts(scenario.parts)
@@ -119,30 +124,35 @@ def _check_steps(scenario: Scenario) -> None:
         )
 
 
-def numbers(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], str, float]]:
-    """Every number of a scenario: the names that lead to it, its index in a vector, its value.
+def numbers(
+    value: Any, path: tuple[str, ...] = (), span: Span | None = None
+) -> Iterator[tuple[tuple[str, ...], str, float, Span | None]]:
+    """Every number of a scenario: the names that lead to it, its index in a vector, value and span.
 
-    Words, switches and what is left empty are passed over.
+    The span is None where none is stated. Words, switches and what is left empty are passed over.
     """
     if isinstance(value, bool | np.bool_):
         return
     if isinstance(value, int | float | np.number):
-        yield path, "", float(value)
+        yield path, "", float(value), span or SPANS.get(general(path))
     elif isinstance(value, np.ndarray | list | tuple):
         for i, entry in enumerate(np.ravel(value) if isinstance(value, np.ndarray) else value):
-            for names, index, number in numbers(entry, path):
-                yield names, f"[{i}]{index}", number
+            for names, index, number, of in numbers(entry, path, span):
+                yield names, f"[{i}]{index}", number, of
     elif isinstance(value, dict):
+        stated = _NOISE if path[:1] == ("camera_noise",) else {}
         for name, entry in value.items():
-            yield from numbers(entry, (*path, name))
+            yield from numbers(entry, (*path, name), stated.get(name, {}).get("span"))
     else:
+        stated = metadata_of(type(value))
         for name in members(type(value)):
-            yield from numbers(getattr(value, name), (*path, name))
+            of = stated.get(name, {}).get("span", span)
+            yield from numbers(getattr(value, name), (*path, name), of)
 
 
-def _check_number(path: tuple[str, ...], index: str, value: float) -> None:
+def _check_number(path: tuple[str, ...], index: str, value: float, span: Span | None) -> None:
     shown = ".".join(path) + index
-    low, high, unit = LIMITS.get(general(path), (-np.inf, np.inf, ""))
+    low, high, unit = span or Span()
     if not np.isfinite(value):
         raise ScenarioError(f"{shown} is {value}; give a finite number{_range(low, high, unit)}")
     if not low <= value <= high:
@@ -156,8 +166,18 @@ def _range(low: float, high: float, unit: str) -> str:
     return f" {text} {unit}".rstrip()
 
 
+def words(scenario: Scenario) -> dict[str, Sequence[str]]:
+    """The words that each key of a section may be, by ``section.name``."""
+    return WORDS | {
+        f"{section}.{name}": stated["words"]
+        for section, value in vars(scenario).items()
+        for name, stated in metadata_of(type(value)).items()
+        if "words" in stated
+    }
+
+
 def _check_choices(scenario: Scenario) -> None:
-    for key, allowed in CHOICES.items():
+    for key, allowed in words(scenario).items():
         section, name = key.split(".")
         choice = getattr(getattr(scenario, section), name)
         if choice not in allowed:

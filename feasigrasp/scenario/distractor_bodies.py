@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 
+from feasigrasp.models.keys import key, word
 from feasigrasp.models.objects.carriers import CarrierKind
 
 
@@ -19,8 +20,8 @@ class CarrierConfig:
             simulated it has the colour of skin then.
     """
 
-    kind: str = CarrierKind.NONE.value
-    hue: float | None = None
+    kind: str = word(CarrierKind.NONE, CarrierKind)
+    hue: float | None = key(None, 0.0, 360.0, "deg")
 
 
 @dc.dataclass
@@ -37,5 +38,5 @@ class DistractorConfig:
     """
 
     model: str = ""
-    offset: list[float] = dc.field(default_factory=lambda: [0.0, 0.15, 0.0])
+    offset: list[float] = key([0.0, 0.15, 0.0], -2.0, 2.0, "m")
     moving: bool = False

@@ -18,14 +18,16 @@ from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import check_fields
-from feasigrasp.models.control.mode import SAFE, ControlSpace
+from feasigrasp.models.control.mode import SAFE, ControlSpace, controller_names, mode_names
 from feasigrasp.models.control.planning.predicted_poses import PredictionModel
-from feasigrasp.models.grasps.samplers import SamplerName
+from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
+from feasigrasp.models.keys import SEED, TURN, Span, key, word
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.robot.grippers import PACKAGED
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
+from feasigrasp.plugins import plugins
 from feasigrasp.scenario.cell import CellConfig
 from feasigrasp.scenario.distractor_bodies import CarrierConfig, DistractorConfig
 from feasigrasp.scenario.faults import AnyFault
@@ -35,6 +37,9 @@ from feasigrasp.scenario.parts import Options, Part, PartConfig
 EXACT = "ik"
 #: ``control.source``: closed-form inverse kinematics.
 CLOSED_FORM = "closed_form"
+#: What the driver of the arm takes.
+_MOST = float(np.rad2deg(IIWA_7.driver.position.max()))
+_JOINTS = Span(-_MOST, _MOST, "deg")
 
 
 @dc.dataclass
@@ -51,10 +56,10 @@ class ObjectConfig:
     """
 
     model: str = "mustard_bottle"
-    scale: float = 1.0
-    mass: float | None = None
-    mass_factor: float = 1.0
-    friction: float = 0.6
+    scale: float = key(1.0, 1e-06, 1000000.0)
+    mass: float | None = key(None, 0.001, 20.0, "kg")
+    mass_factor: float = key(1.0, 0.01, 100.0)
+    friction: float = key(0.6, 0.01, 100.0)
     rotation: typing.Union[  # noqa: UP007 - the form of Drake's own schema
         Rotation.Identity, Rotation.Rpy, Rotation.AngleAxis, Rotation.Uniform
     ] = dc.field(default_factory=Rotation.Identity)
@@ -76,15 +81,17 @@ class MotionConfig:
         spin: Its speed [rad/s].
     """
 
-    center: list[float] = dc.field(default_factory=lambda: [0.5, 0.0, 0.55])
-    spread: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 0.0])
-    amplitude: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 0.0])
-    harmonic: list[float] = dc.field(default_factory=lambda: [1.0, 1.0, 1.0])
-    offset_deg: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 0.0])
-    rate: float = 0.2 * np.pi
-    start_phase: typing.Union[float, Uniform] = 0.0  # noqa: UP007 - Drake's YAML needs Union
-    spin_axis: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 1.0])
-    spin: float = 0.2
+    center: list[float] = key([0.5, 0.0, 0.55], -2.0, 2.0, "m")
+    spread: list[float] = key([0.0, 0.0, 0.0], 0.0, 2.0, "m")
+    amplitude: list[float] = key([0.0, 0.0, 0.0], -2.0, 2.0, "m")
+    harmonic: list[float] = key([1.0, 1.0, 1.0], -100.0, 100.0)
+    offset_deg: list[float] = key([0.0, 0.0, 0.0], *TURN)
+    rate: float = key(0.2 * np.pi, -20.0, 20.0, "rad/s")
+    start_phase: typing.Union[float, Uniform] = key(  # noqa: UP007 - Drake's YAML needs Union
+        0.0, -1000.0, 1000.0, "rad"
+    )
+    spin_axis: list[float] = key([0.0, 0.0, 1.0], -1000.0, 1000.0)
+    spin: float = key(0.2, -20.0, 20.0, "rad/s")
 
 
 @dc.dataclass
@@ -100,12 +107,12 @@ class BezierPath:
         spin: Its speed [rad/s].
     """
 
-    center: list[float] = dc.field(default_factory=lambda: [0.5, 0.0, 0.55])
-    size: list[float] = dc.field(default_factory=lambda: [0.2, 0.36, 0.16])
-    speed: float = 0.15
-    stop: float = 0.5
-    spin_axis: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 1.0])
-    spin: float = 0.2
+    center: list[float] = key([0.5, 0.0, 0.55], -2.0, 2.0, "m")
+    size: list[float] = key([0.2, 0.36, 0.16], 0.01, 2.0, "m")
+    speed: float = key(0.15, 0.001, 5.0, "m/s")
+    stop: float = key(0.5, 0.0, 60.0, "s")
+    spin_axis: list[float] = key([0.0, 0.0, 1.0], -1000.0, 1000.0)
+    spin: float = key(0.2, -20.0, 20.0, "rad/s")
 
 
 class Segmentation(StrEnum):
@@ -156,20 +163,20 @@ class PerceptionConfig:
 
     camera: str = "wrist_camera"
     second_camera: str = ""
-    segmentation: str = Segmentation.LABELS.value
-    execution: str = Execution.AUTO.value
-    period: float = 0.5
-    latency: float = 0.1
-    preset: str = Preset.DEFAULT.value
-    max_points: int = 320
-    length_scale: float = 0.3
-    voxel_size: float = 0.003
+    segmentation: str = word(Segmentation.LABELS, Segmentation)
+    execution: str = word(Execution.AUTO, Execution)
+    period: float = key(0.5, 0.01, 60.0, "s")
+    latency: float = key(0.1, 0.0, 10.0, "s")
+    preset: str = word(Preset.DEFAULT, Preset)
+    max_points: int = key(320, 8, 4096)
+    length_scale: float = key(0.3, 0.001, 10.0, "m")
+    voxel_size: float = key(0.003, 0.0005, 0.05, "m")
     hidden_side: bool = True
-    views: int = 0
+    views: int = key(0, 0, 10000)
     filter: bool = True
-    sampler: str = SamplerName.NETWORK.value
-    n_candidates: int = 800
-    n_grasps: int = 192
+    sampler: str = word(SamplerName.NETWORK, sampler_names())
+    n_candidates: int = key(800, 1, 100000)
+    n_grasps: int = key(192, 1, 10000)
 
 
 @dc.dataclass
@@ -184,9 +191,9 @@ class SceneConfig:
     """
 
     enabled: bool = False
-    period: float = 1.0
-    resolution: float = 0.01
-    margin: float = 0.005
+    period: float = key(1.0, 0.01, 60.0, "s")
+    resolution: float = key(0.01, 0.001, 0.1, "m")
+    margin: float = key(0.005, 0.0, 0.2, "m")
 
 
 @dc.dataclass
@@ -204,9 +211,9 @@ class ReachabilityConfig:
             of ``rmm`` and ``both``.
     """
 
-    period: float = 0.1
-    method: str = EXACT
-    horizon: float = 1.0
+    period: float = key(0.1, 0.001, 10.0, "s")
+    method: str = word(EXACT, (EXACT, *plugins("judges")))
+    horizon: float = key(1.0, 0.0, 30.0, "s")
     symmetric_grasps: bool = True
     options: Options = dc.field(default_factory=dict)
 
@@ -239,17 +246,17 @@ class ControlConfig:
             as ``law`` of the modes ``paper`` and ``corrected``.
     """
 
-    controller: str = ControlSpace.TASK.value
-    mode: str = SAFE
-    period: float = 0.005
-    speed: float = 1.0
-    gain: float | None = None
+    controller: str = word(ControlSpace.TASK, controller_names())
+    mode: str = word(SAFE, mode_names())
+    period: float = key(0.005, 0.0005, 0.05, "s")
+    speed: float = key(1.0, 0.01, 1.0, "of the velocity limits")
+    gain: float | None = key(None, 1e-09, 1000.0, "1/s")
     feed_forward: bool = True
     density: bool = True
     score: bool = True
-    prediction: str = PredictionModel.PREDICTED.value
-    n_solutions: int = 64
-    source: str = CLOSED_FORM
+    prediction: str = word(PredictionModel.PREDICTED, PredictionModel)
+    n_solutions: int = key(64, 1, 10000)
+    source: str = word(CLOSED_FORM, (CLOSED_FORM, *plugins("ik_sources")))
     options: Options = dc.field(default_factory=dict)
 
     @property
@@ -270,8 +277,8 @@ class ExecutionConfig:
             the paper's static test, instead of moving there.
     """
 
-    position_error: float = 0.0
-    angle_error: float = 0.0
+    position_error: float = key(0.0, 0.0, 0.1, "m")
+    angle_error: float = key(0.0, 0.0, 1.0, "rad")
     teleport: bool = False
 
 
@@ -326,8 +333,8 @@ class Scenario:
         faults: What goes wrong, and when, e.g. ``!PoseNan {start: 2, duration: 0.5}``.
     """
 
-    random_seed: int = 0
-    simulation_duration: float = 30.0
+    random_seed: int = key(0, *SEED)
+    simulation_duration: float = key(30.0, 0.001, 100000.0, "s")
     simulator_config: SimulatorConfig = dc.field(default_factory=_default_simulator)
     plant_config: MultibodyPlantConfig = dc.field(default_factory=_default_plant)
     directives: list[ModelDirective] = dc.field(default_factory=list)
@@ -335,7 +342,7 @@ class Scenario:
     gripper: str = PACKAGED
     cameras: dict[str, CameraConfig] = dc.field(default_factory=dict)
     camera_noise: dict[str, dict[str, float]] = dc.field(default_factory=dict)
-    q_start: list[float] = dc.field(default_factory=lambda: [0.0] * IIWA_7.joints)
+    q_start: list[float] = key([0.0] * IIWA_7.joints, *_JOINTS)
     object: ObjectConfig = dc.field(default_factory=ObjectConfig)
     motion: typing.Union[MotionConfig, BezierPath] = dc.field(  # noqa: UP007 - see above
         default_factory=MotionConfig

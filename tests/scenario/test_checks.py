@@ -13,12 +13,13 @@ from pydrake.multibody.parsing import ModelDirective
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
+from feasigrasp.models.keys import metadata_of
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario.checks import check_scenario, numbers
+from feasigrasp.scenario.checks import check_scenario, numbers, words
+from feasigrasp.scenario.drake_keys import SPANS
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario, scenario_names
 from feasigrasp.scenario.keys import general, members
-from feasigrasp.scenario.limits import CHOICES, LIMITS
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import make_station
 
@@ -206,16 +207,16 @@ def test_what_drake_alone_can_tell_is_told_as_well():
         make_station(load_scenario(FILE, "ReachLinearMocap", text))
 
 
-# ------------------------------------------------------------------------------------ the tables
+# ------------------------------------------------------------------------- spans beside the fields
 
 
-def numeric_keys(kind, path=()):
-    """The keys of all numbers that a type can hold, as the table spells them."""
+def numeric_keys(kind, path=(), span=None):
+    """The keys of all numbers that a type can hold, and whether a span is stated for each."""
     if kind in (float, int):
-        yield general(path)
+        yield general(path), span is not None or general(path) in SPANS
     elif typing.get_origin(kind) in (typing.Union, UnionType):
         for each in typing.get_args(kind):
-            yield from numeric_keys(each, path)
+            yield from numeric_keys(each, path, span)
     elif typing.get_origin(kind) is dict:
         name, entry = "any", typing.get_args(kind)[1]
         if path == ("camera_noise",):
@@ -224,25 +225,28 @@ def numeric_keys(kind, path=()):
         else:
             yield from numeric_keys(entry, (*path, name))
     elif typing.get_origin(kind) is list:
-        yield from numeric_keys(typing.get_args(kind)[0], path)
+        yield from numeric_keys(typing.get_args(kind)[0], path, span)
     elif kind is np.ndarray or getattr(kind, "__origin__", None) is np.ndarray:
-        yield general(path)
+        yield general(path), span is not None or general(path) in SPANS
     elif kind is not ModelDirective and not getattr(kind, "__name__", "").startswith("RenderEng"):
+        stated = metadata_of(kind)
         for name, of in members(kind).items():
-            yield from numeric_keys(of, (*path, name))
+            yield from numeric_keys(of, (*path, name), stated.get(name, {}).get("span", span))
 
 
-def test_every_number_of_the_schema_has_its_limits():
+def test_every_number_of_the_schema_has_a_span():
     # Faults have tables of their own, and parts of one's own know what they take.
-    keys = {k for k in numeric_keys(Scenario) if not k.startswith(("faults.", "parts."))}
-    keys = {k for k in keys if ".options." not in k}
+    keys = {
+        key: stated
+        for key, stated in numeric_keys(Scenario)
+        if not key.startswith(("faults.", "parts.")) and ".options." not in key
+    }
     assert len(keys) > 80
-    assert sorted(keys - set(LIMITS)) == []
-    assert sorted(set(LIMITS) - keys) == []  # no line is about a key that there is not
-    assert {
-        general(path) for path, _, _ in numbers(load_scenario(FILE, "ReachLinearMocap"))
-    } <= keys
-    assert all(low <= high for low, high, _ in LIMITS.values())
+    assert [key for key, stated in keys.items() if not stated] == []
+    assert sorted(set(SPANS) - set(keys)) == []  # no line is about a key that there is not
+    found = list(numbers(load_scenario(FILE, "ReachLinearMocap")))
+    assert {general(path) for path, *_ in found} <= set(keys)
+    assert all(span.low <= span.high for *_, span in found)
 
 
 def test_the_shipped_scenarios_and_defaults_lie_inside():
@@ -329,7 +333,7 @@ def test_any_camera_noise_is_read_or_refused(small_file, changes):
 
 def test_every_choice_is_one_of_the_schema():
     scenario = Scenario()
-    for key, allowed in CHOICES.items():
+    for key, allowed in words(scenario).items():
         section, name = key.split(".")
         assert getattr(getattr(scenario, section), name) in allowed
 

@@ -34,6 +34,7 @@ from feasigrasp.errors import CameraError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
+from feasigrasp.models.keys import key
 from feasigrasp.models.quantities import ArrayOf, Bound, NotNegative, Positive
 
 
@@ -59,18 +60,18 @@ class DepthNoise:
         dropped: Share of the images that do not arrive: no pixel of theirs has a depth.
     """
 
-    baseline: float = 0.05
-    subpixel: float = 0.08
-    disparity_step: float = 1.0 / 32.0
-    depth_step: float = 0.001
-    edge_disparity: float = 1.0
-    flying: float = 0.3
-    edge_missing: float = 0.3
-    grazing_start_deg: float = 65.0
-    grazing_end_deg: float = 85.0
-    correlation: float = 0.0
-    motion_blur: float = 0.0
-    dropped: float = 0.0
+    baseline: float = key(0.05, 0.001, 1.0, "m")
+    subpixel: float = key(0.08, 0.0, 10.0, "px")
+    disparity_step: float = key(1.0 / 32.0, 0.0, 10.0, "px")
+    depth_step: float = key(0.001, 0.0, 0.1, "m")
+    edge_disparity: float = key(1.0, 0.01, 1000.0, "px")
+    flying: float = key(0.3, 0.0, 1.0)
+    edge_missing: float = key(0.3, 0.0, 1.0)
+    grazing_start_deg: float = key(65.0, 0.0, 180.0, "deg")
+    grazing_end_deg: float = key(85.0, 0.0, 180.0, "deg")
+    correlation: float = key(0.0, 0.0, 20.0, "px")
+    motion_blur: float = key(0.0, 0.0, 20.0, "px")
+    dropped: float = key(0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
         """Checks the parameters.

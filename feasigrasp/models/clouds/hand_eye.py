@@ -9,6 +9,7 @@ import numpy as np
 from feasigrasp.errors import CameraError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.keys import key
 
 
 @dataclass(frozen=True)
@@ -20,8 +21,8 @@ class HandEyeError:
         hand_eye_angle_deg: By which angle its orientation is off [deg].
     """
 
-    hand_eye_position: float = 0.0
-    hand_eye_angle_deg: float = 0.0
+    hand_eye_position: float = key(0.0, 0.0, 0.1, "m")
+    hand_eye_angle_deg: float = key(0.0, 0.0, 30.0, "deg")
 
     def __post_init__(self) -> None:
         """Checks the sizes.

@@ -5,7 +5,7 @@ nothing.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -15,6 +15,7 @@ from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.keys import key
 
 #: Where an object will be: its poses (k, 4, 4) so many seconds (k,) from some time on.
 Path = Callable[[ArrayLike], Array]
@@ -68,21 +69,21 @@ class GraspSequenceConfig:
     """
 
     close: bool = True
-    standoff: float = 0.0
-    position_tolerance: float = 0.006
-    angle_tolerance: float = 0.08
-    dwell: float = 0.1
-    patience: float = 5.0
-    closing_speed: float = 0.15
-    closing_time: float = 1.0
-    squeeze_time: float = 0.2
-    min_width: float = 0.002
-    lift: list[float] = field(default_factory=lambda: [-0.05, 0.0, 0.10])
-    lift_time: float = 1.5
-    shake: list[float] = field(default_factory=lambda: [0.01, 0.01, 0.01])
-    shake_frequency: float = 1.5
-    shake_time: float = 1.5
-    hold_time: float = 2.0
+    standoff: float = key(0.0, 0.0, 0.3, "m")
+    position_tolerance: float = key(0.006, 0.0001, 0.1, "m")
+    angle_tolerance: float = key(0.08, 0.001, 3.15, "rad")
+    dwell: float = key(0.1, 0.0, 60.0, "s")
+    patience: float = key(5.0, 0.5, np.inf, "s")
+    closing_speed: float = key(0.15, 0.001, 1.0, "m/s")
+    closing_time: float = key(1.0, 0.01, 60.0, "s")
+    squeeze_time: float = key(0.2, 0.01, 60.0, "s")
+    min_width: float = key(0.002, 0.0, 0.2, "m")
+    lift: list[float] = key([-0.05, 0.0, 0.10], -1.0, 1.0, "m")
+    lift_time: float = key(1.5, 0.01, 60.0, "s")
+    shake: list[float] = key([0.01, 0.01, 0.01], -0.5, 0.5, "m")
+    shake_frequency: float = key(1.5, 0.01, 20.0, "Hz")
+    shake_time: float = key(1.5, 0.0, 60.0, "s")
+    hold_time: float = key(2.0, 0.0, 600.0, "s")
 
     def at_speed(self, speed: float) -> "GraspSequenceConfig":
         """The same of an arm that may use a share of its velocity limits only, in (0, 1].

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+from feasigrasp.models.keys import SEED, key, word
+
 
 class TrackerKind(StrEnum):
     """What tells the pose of the object."""
@@ -34,14 +36,14 @@ class TrackerConfig:
         seed: Seed of noise and losses.
     """
 
-    kind: str = TrackerKind.MOCAP.value
-    image_period: float = 1.0 / 30.0
-    period: float = 0.005
-    latency: float = 0.0
-    position_noise: float = 0.0
-    rotation_noise: float = 0.0
-    dropout: float = 0.0
-    silence: float = 0.5
-    jerk: float = 0.4
-    angular_jerk: float = 0.3
-    seed: int = 0
+    kind: str = word(TrackerKind.MOCAP, TrackerKind)
+    image_period: float = key(1.0 / 30.0, 0.005, 1.0, "s")
+    period: float = key(0.005, 0.0001, 1.0, "s")
+    latency: float = key(0.0, 0.0, 2.0, "s")
+    position_noise: float = key(0.0, 0.0, 0.1, "m")
+    rotation_noise: float = key(0.0, 0.0, 1.0, "rad")
+    dropout: float = key(0.0, 0.0, 1.0)
+    silence: float = key(0.5, 0.01, 60.0, "s")
+    jerk: float = key(0.4, 0.0001, 10000.0)
+    angular_jerk: float = key(0.3, 0.0001, 10000.0)
+    seed: int = key(0, *SEED)
