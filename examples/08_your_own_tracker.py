@@ -19,7 +19,7 @@ picture = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples/08_your_own_t
 
 
 class LastTwoPoses(LeafSystem):
-    """Knows the last two measured poses: no filter, no prediction, no doubt."""
+    """Keeps the last two measured poses: no filter, no prediction, no covariance."""
 
     def __init__(self, period=0.02):
         super().__init__()

@@ -15,7 +15,7 @@ picture = Path(
 )
 picture.parent.mkdir(parents=True, exist_ok=True)
 
-# In metres, in the grasp frame G; what is not said is as on the packaged hand. The simulated hand
+# In metres, in the grasp frame G; what is not given is as on the packaged hand. The simulated hand
 # is made of it, too: `feasigrasp run ReachLinearMocap --scenario-text '{gripper: slim.yaml}'`.
 hand = picture.with_name("slim.yaml")
 hand.write_text("max_opening: 0.10\nfinger_width: 0.020\nfinger_thickness: 0.010\ntip: 0.030\n")
@@ -36,8 +36,8 @@ simulator = Simulator(diagram)
 simulator.AdvanceTo(7.0)
 
 status = diagram.subsystems.status
-for said in status.history(status.GetMyContextFromRoot(simulator.get_context())):
-    print(f"{said.time:5.2f} s  {said.code} {said.detail}")
+for each in status.history(status.GetMyContextFromRoot(simulator.get_context())):
+    print(f"{each.time:5.2f} s  {each.code} {each.detail}")
 log = sinks[0].FindLog(simulator.get_context())
 figure, axes = plt.subplots(figsize=(6, 3))
 axes.plot(log.sample_times(), 1e3 * log.data()[0])

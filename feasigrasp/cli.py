@@ -141,7 +141,7 @@ class _Help(argparse.HelpFormatter):
 
 
 def sentence(purpose: str) -> str:
-    """What a command does, as a sentence."""
+    """The purpose of a command as a sentence."""
     return f"{purpose[:1].upper()}{purpose[1:]}."
 
 
@@ -152,7 +152,7 @@ def _shown(default: object) -> str:
 
 
 def exit_status(work: Callable[[], int]) -> int:
-    """What a command's process ends with, its errors in one line.
+    """Exit status of a command's process; errors are printed in one line.
 
     Args:
         work: Returns 0, or 1 or more if it failed.

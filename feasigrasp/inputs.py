@@ -1,4 +1,4 @@
-"""Files that are read: what is broken, cut off or another's is one error, whatever is wrong."""
+"""Reads npz and JSON files; a broken, truncated or foreign file is one kind of error."""
 
 from __future__ import annotations
 

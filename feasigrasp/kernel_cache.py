@@ -1,4 +1,4 @@
-"""Compiled code that an edit or an upgrade has made stale is forgotten before anything uses it.
+"""Deletes stale numba caches after an edit or an upgrade, before a kernel is loaded.
 
 Numba keeps what it compiled beside the source and compiles it anew when that file has changed. It
 does not notice that a function of *another* file has, which it inlined or whose constants it froze:

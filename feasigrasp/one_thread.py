@@ -1,4 +1,4 @@
-"""Numerical libraries that compute with one thread."""
+"""Limits numerical libraries to one thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that are written: tried before the work begins, whole or not at all when it is done."""
+"""Writes files atomically; the folder is tested before the work begins."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from feasigrasp.errors import OutputError
 def check_outputs(
     options: Mapping[str, Path | None], read: Mapping[str, Path | str | None] | None = None
 ) -> None:
-    """Makes sure, before anything is computed, that files can be written, and no input is lost.
+    """Checks before a computation that outputs can be written and overwrite no input.
 
     Args:
         options: By the option that names it, a file; None if the option is not given.
@@ -42,7 +42,7 @@ def check_outputs(
 
 
 def check_folder(option: str, folder: Path) -> None:
-    """Makes sure that a folder can be written to, or made; it is not made yet.
+    """Checks that a folder can be written to, or made; it is not made yet.
 
     Raises:
         OutputError: It cannot be made, or not be written to.
@@ -100,7 +100,7 @@ def save_figure(figure: Any, filename: str | Path, **options: Any) -> None:
     """Writes a figure of Matplotlib, whole or not at all, in the format that the suffix names.
 
     Raises:
-        OutputError: It cannot be written, or Matplotlib knows no such format.
+        OutputError: It cannot be written, or Matplotlib has no such format.
     """
     filename = Path(filename)
     known = figure.canvas.get_supported_filetypes()

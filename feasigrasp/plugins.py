@@ -1,4 +1,4 @@
-"""Named parts that installed packages add: entry points of the groups ``feasigrasp.<kind>``.
+"""Plugins: entry points of the groups ``feasigrasp.<kind>``.
 
 A package adds a controller by two lines of its ``pyproject.toml``::
 

@@ -33,7 +33,7 @@ def model_path(*parts: str) -> Path:
 
 
 def diagram_path(*parts: str) -> Path:
-    """The same for the ``diagrams/`` folder, ``feasigrasp/_diagrams`` in a wheel.
+    """Path in the ``diagrams/`` folder, ``feasigrasp/_diagrams`` in a wheel.
 
     Args:
         *parts: Path below ``diagrams/``, e.g. ``diagram_path("dynamic.scenarios.yaml")``.

@@ -1,4 +1,4 @@
-"""What measures feasigrasp, trains its networks and compares it with others; nothing that runs."""
+"""Measurements, training and comparisons of feasigrasp; no part of the run time."""
 
 from pathlib import Path
 

@@ -127,7 +127,8 @@ def test_help_is_made_of_sentences():
         shown = parser._get_formatter()
         for action in parser._actions:
             text = shown._expand_help(action) if action.help else ""
-            assert is_sentence(text), (parser.prog, action.dest, text)
+            former = text == argparse.SUPPRESS  # a name that goes with the next release
+            assert former or is_sentence(text), (parser.prog, action.dest, text)
 
 
 def test_the_list_of_commands_is_made_of_sentences():

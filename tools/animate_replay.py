@@ -1,4 +1,4 @@
-"""Makes a moving picture of a replay, moment by moment in headless Chromium.
+"""Renders a replay as an animation, frame by frame in headless Chromium.
 
 For example::
 

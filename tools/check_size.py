@@ -1,4 +1,4 @@
-"""Holds packages, documentation and data to the table ``size`` of pyproject.toml.
+"""Checks the sizes of packages, documentation and data against pyproject.toml.
 
 Run by ``make lint``. A size is a ceiling: whoever adds to one part takes away elsewhere in it.
 """

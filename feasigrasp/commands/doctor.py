@@ -65,7 +65,7 @@ raise SystemExit(main(["run", "ReachLinear", "--duration", "0.2"]))
 
 
 class Health(StrEnum):
-    """What a line begins with."""
+    """Label at the beginning of a line."""
 
     OK = "ok"
     PROBLEM = "problem"
@@ -74,7 +74,7 @@ class Health(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """What one look found.
+    """Result of one check.
 
     Attributes:
         health: Whether it is as it should be.
@@ -138,7 +138,7 @@ def libraries() -> Iterator[Finding]:
 
 
 def rendering() -> Iterator[Finding]:
-    """Whether Drake's VTK engine renders, in a process of its own, which it may take with it."""
+    """Whether Drake's VTK engine renders, tested in a separate process that it may crash."""
     mend = "install libegl1 and libgl1 (Debian), or run 'make setup'"
     command = [sys.executable, "-c", _RENDER]
     try:
@@ -158,7 +158,7 @@ def rendering() -> Iterator[Finding]:
 
 
 def threads() -> Iterator[Finding]:
-    """How many processors there are, and how many threads the libraries would use."""
+    """Number of processors, and of threads that the libraries use."""
     import joblib
     import numpy as np
     from threadpoolctl import threadpool_info
@@ -173,7 +173,7 @@ def threads() -> Iterator[Finding]:
 
 
 def compiled_code() -> Iterator[Finding]:
-    """Where compiled code is kept, whether it can be, and how much there is."""
+    """Location, writability and size of the cache of compiled code."""
     mend = "set NUMBA_CACHE_DIR to a folder that can be written to"
     try:
         kernels = import_module("feasigrasp.models.geometry.se3_kernels")
@@ -226,7 +226,7 @@ def files() -> Iterator[Finding]:
 
 
 def scenario() -> Iterator[Finding]:
-    """Whether a scenario of the package can be built and simulated, in a process of its own."""
+    """Whether a scenario of the package builds and simulates, tested in a separate process."""
     from feasigrasp.warm_up import is_warm
 
     if not is_warm({"task"}):

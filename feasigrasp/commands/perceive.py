@@ -165,7 +165,7 @@ def print_table(name: str, perception: Perception) -> None:
         body, percent = grasps.load.body, 100.0 * grasps.load.probability(perception.down)
         low, high = body.mass * np.exp(np.array([-2.0, 2.0]) * body.spread)
         print(f"  {'mass [kg]':34s} {low:.2f} to {high:.2f}")
-        print(f"  {'how surely they carry it [%]':34s} {percent.min():.0f} to {percent.max():.0f}")
+        print(f"  {'probability of bearing it [%]':34s} {percent.min():.0f} to {percent.max():.0f}")
     for reason, count in grasps.rejected.items():
         print(f"  {'dropped: ' + reason:34s} {count:6d}   {REASONS.get(reason, '')}")
     if len(grasps) == 0 and grasps.rejected:

@@ -104,14 +104,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_lcm_option(parser: argparse.ArgumentParser) -> None:
-    """Adds the option that says where messages go."""
+    """Adds the option for the URL of the LCM bus."""
     parser.add_argument(
         "--lcm-url", default=LCM_URL, metavar="URL", help="Address of the drivers' messages."
     )
 
 
 def add_speed_option(parser: argparse.ArgumentParser) -> None:
-    """Adds the option that says how fast the arm may be."""
+    """Adds the option for the share of the arm's velocity limits."""
     parser.add_argument(
         "--speed",
         type=share,
@@ -207,7 +207,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def files_read(args: argparse.Namespace) -> dict[str, Path | str | None]:
-    """What no output may be written over, by the option that names it."""
+    """Input files by the option that names them; no output may overwrite them."""
     return {"--scenario-file": args.scenario_file, "--object": args.object}
 
 
@@ -232,7 +232,7 @@ def load(args: argparse.Namespace, *, on_hardware: bool = False) -> tuple[str, S
 
 
 def speed_text(speed: float, *, on_hardware: bool) -> str:
-    """What the console says of the arm's speed; nothing if it may use all of its own."""
+    """Console text of the arm's speed limit; empty at full speed."""
     if speed == 1.0 and not on_hardware:
         return ""
     more = "" if speed == 1.0 else "; --speed 100% or control: {speed: 1} for all of them"
@@ -255,7 +255,7 @@ def draw_diagram(scenario: Scenario, filename: Path) -> None:
         drawn: bytes = graphs[0].create(format=picture)
     except AssertionError as error:
         raise FeasigraspError(
-            f"--graphviz {filename}: Graphviz knows no format {picture!r}; end it in .svg, .png or "
+            f"--graphviz {filename}: Graphviz has no format {picture!r}; end it in .svg, .png or "
             ".dot"
         ) from error
     except FileNotFoundError as error:
@@ -270,7 +270,9 @@ def draw_diagram(scenario: Scenario, filename: Path) -> None:
 def keep(record: dict[str, Any], results: Path | None, line: StatusLine) -> None:
     """Prints what a run brought, and writes it; a full disk leaves it on the console."""
     line.clear()
-    with suppress(BrokenPipeError):  # nobody reads on; what came out is written all the same
+    with suppress(
+        BrokenPipeError
+    ):  # the reader has closed the pipe; what came out is written all the same
         print(*summary(record), sep="\n", flush=True)
     if results is not None:
         try:

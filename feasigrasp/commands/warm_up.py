@@ -38,7 +38,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def compile_in_advance(groups: Collection[str]) -> bool:
-    """Compiles what runs of these groups call, says how far it is, and whether all went well.
+    """Compiles the kernels of groups of runs, with progress; returns whether all succeed.
 
     It says so on standard error: what a run prints is about the run.
     """

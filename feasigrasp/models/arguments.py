@@ -1,4 +1,4 @@
-"""Arguments of public functions: refused by name where type, shape, unit or range are wrong.
+"""Checks of public arguments: type, shape, unit and range, with the name in the message.
 
 `checked` holds every call of a function to its annotations, `check_fields` a dataclass::
 
@@ -116,7 +116,7 @@ def _checks(thing: Any) -> dict[str, Check]:
 
 
 def check_of(hint: Any) -> Check | None:
-    """What an annotation asks for; None if it asks for nothing."""
+    """The check of an annotation; None without one."""
     origin, parts = get_origin(hint), get_args(hint)
     if hint in (Any, object) or isinstance(hint, TypeVar) or origin is ClassVar:
         return None

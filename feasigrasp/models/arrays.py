@@ -1,4 +1,4 @@
-"""What every module says of its arrays, and values that never change."""
+"""Array types, immutable dataclasses, and values cached with the value they derive from."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Float32 = NDArray[np.float32]
 
 
 class Frozen:
-    """A value that nobody changes, so that a copy of it is itself.
+    """Base class of immutable values; a copy is the value itself.
 
     Drake copies the values of abstract ports and states; these cost nothing to copy. Derive a
     ``@dataclass(frozen=True, eq=False)`` from it.

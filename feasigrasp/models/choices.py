@@ -1,4 +1,4 @@
-"""Words that a user may choose from, as enumerations."""
+"""Enumerations for options, with the nearest valid word in the error."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _Choice = TypeVar("_Choice", bound=StrEnum)
 
 
 def nearest(word: object, known: Iterable[str]) -> str:
-    """A hint for a misspelt word; empty if none of the known ones is like it."""
+    """Hint for a misspelt word; empty without a similar one."""
     like = difflib.get_close_matches(str(word), list(known), 1)
     return f"; do you mean {like[0]}?" if like else ""
 
@@ -36,7 +36,7 @@ def parse_choice(
 
 
 def parse_word(words: Iterable[str], value: str, name: str, error: type[FeasigraspError]) -> str:
-    """The same for words that are no enumeration, such as the names of plugins."""
+    """As `parse_choice`, for words that are no enumeration, such as names of plugins."""
     known = [str(word) for word in words]
     if value in known:
         return str(value)

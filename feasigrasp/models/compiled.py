@@ -1,4 +1,4 @@
-"""How functions are compiled: by numba, into the cache on disk, and alike whoever calls them first.
+"""The numba decorator: cached, deterministic, independent of the first caller.
 
 Where an option is left out, numba takes ``fastmath``, ``error_model`` and ``forceinline`` from the
 function that happens to be compiled when this one is called for the first time; what the cache then
@@ -31,7 +31,7 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """
     ours: dict[str, Any] = {"cache": True, "error_model": "numpy"}
     ours |= {"fastmath": False, "forceinline": False}
-    ours["no_cfunc_wrapper"] = True  # nobody takes a function's address; 6 % of the time to compile
+    ours["no_cfunc_wrapper"] = True  # no function's address is taken; 6 % of the time to compile
     decorator: Any = njit(**(ours | options))
     return decorator if function is None else decorator(function)
 

@@ -1,4 +1,4 @@
-"""Annotations of arguments: shapes, units and ranges, and which value does not have them.
+"""Annotations of arguments with shape, unit and range, and their checks.
 
 `feasigrasp.models.arguments` holds callers to them. In the signature they read as
 ``q: Annotated[ArrayLike, JOINTS]``, and ``horizon: NotNegative`` for numbers.
@@ -32,7 +32,7 @@ _WORDS |= {np.uint16: "numbers of 16 bits", np.uint8: "numbers of 8 bits"}
 
 
 class Refusal(FeasigraspError):
-    """What is wrong with a value; whoever catches it adds the name of the argument."""
+    """An invalid value; the catcher adds the name of the argument."""
 
 
 class Call:

@@ -1,4 +1,4 @@
-"""Depth images that somebody recorded: a folder in the layouts of TUM RGB-D and BOP.
+"""Reads folders of depth images in the layouts of TUM RGB-D and BOP.
 
 ::
 
@@ -81,7 +81,7 @@ class DepthFolder(Frozen):
 
 @checked(InputError)
 def read_depth_folder(folder: str | Path, rate: Positive = 30.0) -> DepthFolder:
-    """Reads what a folder says; see above.
+    """Reads a folder of depth images, see above.
 
     Args:
         folder: The folder.

@@ -1,4 +1,4 @@
-"""Depth images and masks in files: read, and refused where they cannot be what they should."""
+"""Reads depth images and masks, and rejects implausible ones."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def check_size(file: str | Path, shape: tuple[int, ...], expected: tuple[int, in
 
 
 def check_unit(file: str | Path, depth: Array, unit: float) -> None:
-    """Refuses a depth image that is in another unit than is said.
+    """Rejects a depth image in another unit than stated.
 
     Args:
         file: Where it is from.

@@ -1,4 +1,4 @@
-"""Writes what a camera sees into a folder that `read_depth_folder` reads."""
+"""Writes camera images into a folder for `read_depth_folder`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Tracks an object in depth images of which nothing else is known: no robot, no cell, no mask.
+"""Tracks an object in depth images alone, without robot, cell or mask.
 
-What stands on a table, if there is one, is told from it by the plane; of that the object is what
-somebody has drawn a box about, or what is nearest to the camera. Once it has a field it is
+What stands on a table, if there is one, is separated from it by the plane; of that the object is
+what somebody has drawn a box about, or what is nearest to the camera. Once it has a field it is
 followed by that, see `feasigrasp.models.segmentation.foreground`.
 """
 
@@ -50,7 +50,7 @@ class UnaidedTracker(Frozen):
             depth: 0 or not finite where nothing was measured, shape (height, width) [m].
             X_WC: Pose of the camera, z forward, shape (4, 4); an image without (NaN) is left out.
             time: When it was taken [s].
-            mask: Which pixels show the object, if somebody knows, shape (height, width).
+            mask: Which pixels show the object, if given, shape (height, width).
 
         Raises:
             PointCloudError: There is no table in the first image.

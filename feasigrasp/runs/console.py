@@ -1,4 +1,4 @@
-"""What the console says of a run: one line while it goes on, and in the end what came out."""
+"""Console output of a run: a progress line, and a table of the outcome."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from feasigrasp.runs.metrics.table import METRICS, UNITLESS, Subject
 _PERIOD = 0.1
 #: Timings of a record, with their units; they stand before the computing times.
 TIMINGS = {"simulated_s": "s", "build_s": "s", "wall_s": "s", "real_time_factor": "1"}
-#: What tells more of a cause.
+#: Details of a cause.
 _DETAILS = {
     Cause.SLIPPED: "slip {slip_mm:.0f} mm, turned {turn_deg:.0f} deg",
     Cause.DROPPED: "slip {slip_mm:.0f} mm",
@@ -78,7 +78,7 @@ class StatusLine:
 
 
 def progress(simulated: float, wall: float, status: Status) -> str:
-    """How far a simulation is, on one line.
+    """Progress of a simulation on one line.
 
     Args:
         simulated: Simulated time [s].
@@ -117,7 +117,7 @@ def cause_in_words(record: Mapping[str, Any]) -> str | None:
 
 
 def _because(cause: Cause, record: Mapping[str, Any]) -> str:
-    """What tells more of a cause, in brackets; nothing if there is nothing to tell."""
+    """Details of a cause, in brackets; empty without any."""
     metrics = record["metrics"]
     if record["error"]:
         return f" ({record['error']})"
@@ -132,7 +132,7 @@ def _because(cause: Cause, record: Mapping[str, Any]) -> str:
 
 
 def summary(record: Mapping[str, Any]) -> Iterator[str]:
-    """What a run brought, line by line: the verdict, what went on, the figures."""
+    """Outcome of a run, line by line: verdict, history, metrics."""
     yield verdict(record)
     parts = (f"{record['controller']} space", record["mode"], record["object"])
     yield f"  {', '.join((record['scenario'], *parts))}, seed {record['seed']}"

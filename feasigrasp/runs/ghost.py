@@ -1,4 +1,4 @@
-"""A second arm in a replay, translucent: where another mode would have the arm at that time."""
+"""A translucent second arm in a replay, for the comparison of modes."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def show_ghost(meshcat: Meshcat, scenario: Scenario, ghost: Ghost, rate: float) 
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
     add_cell(plant, station_config(scenario))
     plant.Finalize()
-    # Its collision geometry: what is seen of the arm has colours of its own.
+    # Its collision geometry: the visual geometry has colors of its own.
     params = MeshcatVisualizerParams(role=Role.kProximity, default_color=COLOR, prefix=PREFIX)
     shown = MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
     diagram = builder.Build()

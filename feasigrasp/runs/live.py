@@ -1,4 +1,4 @@
-"""Watching a run while it goes on: at real time, with a pause and a slider for speed."""
+"""Live view of a run in real time, with pause and a speed slider."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from feasigrasp.systems.monitoring.camera_pictures import Picture
 
 
 class LiveServer:
-    """Serves the page, and under ``state`` what it shows, from a thread of its own.
+    """Serves the page and its ``state``, from a separate thread.
 
     Attributes:
         url: Address of the page.
@@ -98,7 +98,7 @@ class LiveView:
         return self.meshcat.GetButtonClicks(PAUSE) % 2 == 1
 
     def wait_for_browser(self, interrupted: threading.Event) -> None:
-        """Waits until a browser shows the page, or somebody presses Enter.
+        """Waits until a browser shows the page, or Enter is pressed.
 
         Args:
             interrupted: What ends the wait, too.
@@ -106,7 +106,7 @@ class LiveView:
         _wait(lambda: self.meshcat.GetNumActiveConnections() > 0 or interrupted.is_set())
 
     def stay(self) -> None:
-        """Serves the page until somebody presses Enter or Ctrl-C."""
+        """Serves the page until Enter or Ctrl-C is pressed."""
         print(f"{self.server.url} stays open; Enter or Ctrl-C ends it", flush=True)
         try:
             _wait(lambda: False)
@@ -114,7 +114,7 @@ class LiveView:
             print()  # behind the terminal's ^C
 
     def pace(self, simulator: Simulator, interrupted: threading.Event) -> None:
-        """Runs a simulator as fast as the slider says, and waits while it is to pause.
+        """Runs a simulator at the speed of the slider, with pauses.
 
         Args:
             simulator: At a step of its.

@@ -1,4 +1,4 @@
-"""HTML beside what Meshcat draws: legend, status line and camera picture, in replays and live."""
+"""HTML overlay of Meshcat: legend, status line and camera picture."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _BAR = (
 
 
 def replay_overlay(history: Sequence[Status], pictures: Sequence[Picture], ghost: str = "") -> str:
-    """What a replay shows beside the recording, and the bar that plays it.
+    """Overlay of a replay, and its playback bar.
 
     Args:
         history: Statuses, by time.

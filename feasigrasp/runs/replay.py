@@ -1,4 +1,4 @@
-"""Records a simulation in Meshcat, as one HTML file that plays offline, and takes its picture."""
+"""Records a simulation in Meshcat as one offline HTML file, with a still picture."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def quiet_meshcat() -> Meshcat:
     """A Meshcat that neither opens a browser, nor needs a particular port, nor announces it."""
     drake_log = logging.getLogger("drake")
     level = drake_log.level
-    drake_log.setLevel(logging.WARNING)  # do not announce an address that nobody needs
+    drake_log.setLevel(logging.WARNING)  # do not announce an address without use
     try:
         return Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))
     finally:
@@ -41,7 +41,7 @@ def quiet_meshcat() -> Meshcat:
 
 
 def start_recording(watched: Meshcat | None = None) -> Meshcat:
-    """Lets a Meshcat record: one that is watched meanwhile, or else a new one that nobody sees."""
+    """Starts the recording of a Meshcat: the visible one, or a hidden one."""
     meshcat = watched or quiet_meshcat()
     meshcat.StartRecording(
         FRAMES_PER_SECOND, set_visualizations_while_recording=watched is not None

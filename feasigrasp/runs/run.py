@@ -1,4 +1,4 @@
-"""Runs one scenario and writes what came out of it."""
+"""Runs one scenario and writes its record."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ FALLEN = -1.0
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One run, and how it went.
+    """Record of a run.
 
     Attributes:
         record: What the result file holds; ``docs/results_schema.md`` defines it.
@@ -101,7 +101,7 @@ class Result:
 
     @property
     def status(self) -> tuple[Status, ...]:
-        """What went on: each status with the time when it began."""
+        """History of the status: each with its start time."""
         return tuple(Status(t, StatusCode(code), words) for t, code, words in self.record["status"])
 
     @checked()
@@ -154,7 +154,7 @@ def run(
     # Made now: the revision may change while the simulation runs.
     record = crash_record(scenario, name, "")
     with one_thread():
-        # What is alive by now, compiled code above all, stays: not worth traversing again.
+        # What is alive here, compiled code above all, stays: not worth traversing again.
         gc.freeze()
         watched = live.meshcat if live else None
         meshcat = start_recording(watched) if replay else watched
@@ -233,7 +233,7 @@ def _what_failed(failure: Exception) -> str:
 
 
 def timings_of(built: float, started: float, ended: float, simulated: float) -> dict[str, float]:
-    """What a record says of time, by when building and simulation began and ended [s]."""
+    """Timings of a record, by the instants of building and simulation [s]."""
     return {
         "build_s": started - built,
         "wall_s": ended - started,
@@ -266,7 +266,7 @@ def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:
 
 
 def status_history(diagram: Diagram, context: Context) -> tuple[Status, ...]:
-    """What the status monitor said."""
+    """History of the status monitor."""
     monitor = diagram.GetSubsystemByName("status")
     history: tuple[Status, ...] = monitor.history(monitor.GetMyContextFromRoot(context))
     return history

@@ -1,4 +1,4 @@
-"""Puts the arm at a grasp without a way to it, as the paper's static test does."""
+"""Places the arm at a grasp without a path, as in the paper's static test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands in the robot cell beside the robot: the section ``cell`` of a scenario."""
+"""Static bodies of the robot cell: the section ``cell`` of a scenario."""
 
 import dataclasses as dc
 

@@ -1,4 +1,4 @@
-"""Checks the values of a scenario: each by its field, and what must fit together."""
+"""Checks of scenario values: each by its field, and conditions between keys."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from feasigrasp.scenario.schema import (
 
 #: Models of the cell that no obstacle may be named like.
 RESERVED = ("iiwa", "gripper", "camera", "table", "object", "world")
-#: Renderers that Drake knows by their name; the empty word is its default.
+#: Names of Drake's renderers; the empty word is its default.
 _RENDERERS = ("", "RenderEngineVtk", "RenderEngineGl", "RenderEngineGltfClient")
 #: Numbers of which the first must be less.
 _ORDERED = (
@@ -52,7 +52,7 @@ _NOISE = metadata_of(DepthNoise) | metadata_of(HandEyeError)
 
 
 def check_scenario(scenario: Scenario) -> None:
-    """Checks what the types of a scenario cannot say.
+    """Checks the values of a scenario beyond their types.
 
     Raises:
         ScenarioError: A value that nothing can run with; the message names key, value and mend.
@@ -60,7 +60,7 @@ def check_scenario(scenario: Scenario) -> None:
     _check_choices(scenario)
     _check_camera_noise(scenario)
     for path, index, value, span in numbers(scenario):
-        # Each fault has a table of its own; what a part takes, the part knows.
+        # Each fault has a table of its own; a part checks its own options.
         if path[0] not in ("faults", "parts"):
             _check_number(path, index, value, span)
     _check_gripper(scenario)
@@ -187,7 +187,7 @@ def _check_choices(scenario: Scenario) -> None:
 
 
 def check_segmentation(scenario: Scenario, *, own: bool) -> None:
-    """Checks that a segmentation of one's own has a place.
+    """Checks that a custom segmentation has a place in the diagram.
 
     Args:
         scenario: The scenario.
@@ -204,11 +204,11 @@ def check_segmentation(scenario: Scenario, *, own: bool) -> None:
 
 
 def _check_distractor_bodies(scenario: Scenario) -> None:
-    """Who is told by colour is looked for; another object is apart from the one to grasp."""
+    """Color gate and distractor: the gate needs depth segmentation, the distractor a distance."""
     hue, distractor = scenario.carrier.hue, scenario.distractor
     if hue is not None and scenario.perception.segmentation != Segmentation.DEPTH:
         raise ScenarioError(
-            f"carrier.hue is {hue:g}, but the label image tells what carries the object; give "
+            f"carrier.hue is {hue:g}, but the label image already labels the carrier; give "
             "perception: {segmentation: depth}, or leave it out"
         )
     if distractor.model and distractor.moving and not np.any(distractor.offset):

@@ -1,4 +1,4 @@
-"""What is seen beside the object: sections of a scenario."""
+"""Carrier and distractor of the object: sections of a scenario."""
 
 import dataclasses as dc
 
@@ -8,14 +8,14 @@ from feasigrasp.models.objects.carriers import CarrierKind
 
 @dc.dataclass
 class CarrierConfig:
-    """What is seen to carry the object. It lets go when the fingers have closed, and draws back.
+    """Carrier of the object. It releases after the fingers have closed, and withdraws.
 
     The cameras see it; nothing touches it.
 
     Attributes:
         kind: ``none``; ``hand``, fingers that hold the object from the side turned away from the
             arm, and a forearm behind them; ``belt``, a level plate under it.
-        hue: Hue of it, as of a glove, by which ``segmentation: depth`` tells it from the object
+        hue: Hue of it, as of a glove, by which ``segmentation: depth`` separates it from the object
             [deg]: 0 is red, 120 green, 240 blue. Unless it is given nothing does; where the cell is
             simulated it has the colour of skin then.
     """

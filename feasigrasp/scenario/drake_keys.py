@@ -1,4 +1,4 @@
-"""What the keys of Drake's own schemas may be; `feasigrasp.models.keys` has it of the others."""
+"""Valid values of the keys of Drake's own schemas; as `feasigrasp.models.keys` for ours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The faults that a scenario may have, each by its tag.
+"""Faults of a scenario, by YAML tag.
 
 For example, one pixel in twenty 5 cm off for five seconds, and no pose for half a second, again and
 again::
@@ -38,7 +38,7 @@ from feasigrasp.models.faults.pose import PoseFrozen, PoseJump, PoseLate, PoseNa
 
 @dataclass
 class Untagged:
-    """What has no tag is read as: not a fault, and refused."""
+    """A fault without a tag, which is rejected."""
 
     start: float = 0.0
     duration: float = math.inf

@@ -1,4 +1,4 @@
-"""Reading scenarios from YAML, and writing them."""
+"""Reads and writes scenarios as YAML."""
 
 from __future__ import annotations
 

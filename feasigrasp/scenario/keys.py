@@ -1,4 +1,4 @@
-"""The keys of a scenario's YAML: known, given once, and of the kind that the schema asks for.
+"""Checks the keys of a scenario's YAML: existence, uniqueness and type.
 
 Drake's own reader takes the last of several equal keys, names no section, and ends in assertions
 where a section is no section; the text is looked at before it is read.
@@ -240,7 +240,7 @@ def _chosen(kind: typing.Any, node: yaml.Node) -> tuple[typing.Any, bool]:
         return next((k for k in kinds if _is_scalar(node, k)), kinds[-1]), False
     if node.tag.startswith(_TAG):
         return kinds[0], False
-    return None, False  # Drake's reader tells which tags there are
+    return None, False  # Drake's reader lists the tags
 
 
 def _is_scalar(node: yaml.Node, kind: type) -> bool:

@@ -1,4 +1,4 @@
-"""Files of the user's that a scenario names, and what they hold."""
+"""Files of the user that a scenario names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts of one's own that a scenario names: ``package.module:Name``, with keyword arguments."""
+"""Custom parts of a scenario: ``package.module:Name``, with keyword arguments."""
 
 import dataclasses as dc
 import importlib
@@ -14,7 +14,7 @@ from feasigrasp.models.choices import nearest, parse_choice
 
 
 class Part(StrEnum):
-    """What can be replaced, and what a class or function is called with to make it."""
+    """Replaceable parts, with the arguments of their constructors."""
 
     SAMPLER = "sampler"  # the gripper
     CONTROLLER = "controller"  # the reachability
@@ -30,7 +30,7 @@ Options = dict[str, typing.Union[bool, int, float, str]]  # noqa: UP007 - Drake'
 
 @dc.dataclass
 class PartConfig:
-    """A part of one's own.
+    """A custom part.
 
     Attributes:
         name: Where its class or function is: ``package.module:Name``, importable from where the
@@ -84,7 +84,7 @@ def load_part(key: str, part: PartConfig) -> Callable[..., Any]:
 
 
 def make_named(key: str, part: PartConfig, given: Any) -> Any:
-    """What a part's class or function makes of ``given`` and its options.
+    """Result of a part's class or function for ``given`` and its options.
 
     Raises:
         ScenarioError: It cannot be loaded or made.

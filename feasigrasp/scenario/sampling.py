@@ -1,4 +1,4 @@
-"""What a scenario stands for, with everything random drawn from its seed."""
+"""Sampling of a scenario: random values drawn from its seed."""
 
 import dataclasses
 import math
@@ -38,7 +38,7 @@ def make_camera_noise(scenario: Scenario) -> dict[str, DepthNoise]:
 
 
 def make_hand_eye(scenario: Scenario) -> dict[str, HandEyeError]:
-    """What is wrong with where the cameras are believed to be, by camera, if anything is."""
+    """Hand-eye calibration errors by camera."""
     errors = {name: camera_errors(x)[1] for name, x in scenario.camera_noise.items()}
     return {name: error for name, error in errors.items() if error != HandEyeError()}
 
@@ -84,7 +84,7 @@ def make_static_obstacles(scenario: Scenario) -> list[StaticObstacle]:
 
 
 def make_hand_error(scenario: Scenario) -> Array:
-    """Where the hand truly is, in the frame where it is believed, with the errors of execution.
+    """True pose of the hand in its nominal frame, with the errors of execution.
 
     Returns:
         Shape (4, 4) [m]; directions are drawn from the seed, sizes are those of the scenario.
@@ -143,7 +143,7 @@ def _checked(motion: Any, name: str) -> ObjectMotion:
 def make_distractor_bodies(
     scenario: Scenario, obj: RigidObject, motion: ObjectMotion
 ) -> list[DistractorBody]:
-    """What is seen beside the object: its carrier, and another object.
+    """Carrier and distractor of a scenario.
 
     Raises:
         MeshError: There is no such other object.
@@ -168,6 +168,6 @@ def largest_speed(scenario: Scenario) -> float:
 
 
 def lap(scenario: Scenario) -> float:
-    """How long the object takes until it is where it was [s]; inf if that is no end of anything."""
+    """Period of the object's path [s]; infinite without one."""
     rate = 0.0 if isinstance(scenario.motion, BezierPath) else scenario.motion.rate
     return 2.0 * math.pi / abs(rate) if rate else math.inf

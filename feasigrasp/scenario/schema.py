@@ -67,7 +67,7 @@ class ObjectConfig:
 
 @dc.dataclass
 class MotionConfig:
-    """How the object moves until it is let go; see `HarmonicMotion` for the formula.
+    """Motion of the object until its release; see `HarmonicMotion` for the formula.
 
     Attributes:
         center: [m].
@@ -116,14 +116,14 @@ class BezierPath:
 
 
 class Segmentation(StrEnum):
-    """By what the object's pixels are told."""
+    """Source of the object's pixels."""
 
     LABELS = "labels"
     DEPTH = "depth"
 
 
 class Execution(StrEnum):
-    """Where perception works."""
+    """Process of perception."""
 
     AUTO = "auto"
     INLINE = "inline"
@@ -132,14 +132,14 @@ class Execution(StrEnum):
 
 @dc.dataclass
 class PerceptionConfig:
-    """How often the object is looked at, and the distance field that is fitted.
+    """Period of views, and the distance field fitted to them.
 
     Attributes:
         camera: Name of the camera that is used.
         second_camera: Name of another one, such as one that does not move, in whose images the
             object is tracked while ``camera`` does not show it; empty for none. For ``tracker:
             {kind: camera}`` with ``segmentation: depth``.
-        segmentation: By what its pixels of the object are told: ``labels``, the label image of the
+        segmentation: Source of the object's pixels: ``labels``, the label image of the
             simulation, or ``depth``, its depth image alone, see `ForegroundSegmentation`.
         execution: Where it works, and planning: ``inline``, between two ticks of the controller, or
             ``processes``, in a process of its own, for which no tick waits; so does what is made of
@@ -267,7 +267,7 @@ class ControlConfig:
 
 @dc.dataclass
 class ExecutionConfig:
-    """What keeps the hand from being where it is believed to be.
+    """Errors between the true and the nominal pose of the hand.
 
     Attributes:
         position_error: Distance of the true hand from the one that is planned with, in a direction
@@ -313,12 +313,12 @@ class Scenario:
         cameras: Cameras by name.
         camera_noise: By camera, errors of its depth image; ``{wrist_camera: {}}`` gives it those of
             a RealSense D435, entries as in `DepthNoise` change them, and those of `HandEyeError`
-            move the camera from where it is believed to be. A camera not named has no errors,
+            move the camera from its calibrated pose. A camera not named has no errors,
             and ``{}`` takes away those of a scenario that it is applied to.
         q_start: Joint positions at the start [deg].
         object: The object.
         motion: How it moves; ``!BezierPath {speed: 0.15}`` for one that stops and turns.
-        carrier: What is seen to carry it.
+        carrier: The visible carrier of the object.
         distractor: Another object beside it.
         tracker: How its pose is measured.
         perception: Views, distance field, grasps.
@@ -373,11 +373,11 @@ class Scenario:
 
     @property
     def sequence(self) -> GraspSequenceConfig:
-        """What ``grasp`` is at the speed of the arm."""
+        """The section ``grasp`` at the speed of the arm."""
         return self.grasp.at_speed(self.control.speed)
 
     @property
     def controller_name(self) -> str:
-        """Name of the controller that runs: one of `ControlSpace`, or that of one's own part."""
+        """Name of the controller: a `ControlSpace`, or that of a custom part."""
         own = self.parts.get(Part.CONTROLLER)
         return str(self.control.controller) if own is None else own.name

@@ -27,7 +27,7 @@ from feasigrasp.systems.ports import evaluate, optional
 class ControllerInputs:
     """The inputs of a `GraspController` at one instant: what `update` and `velocity` are given.
 
-    Every property reads its port when it is asked for: at control rate a port that nobody needs
+    Every property reads its port when it is asked for: at control rate a port without use
     costs as much as the law itself.
     """
 
@@ -104,7 +104,7 @@ class ControllerInputs:
 
     @property
     def search_target(self) -> SearchTarget | None:
-        """The object that is looked for; None while it is in sight."""
+        """The search target; None while the object is in sight."""
         search_target: SearchTarget | None = optional(
             self._controller._search_target, self._context
         )
@@ -135,14 +135,14 @@ class ControllerInputs:
     def surface(self) -> ObstacleGrid | None:
         """Distances to the object's surface, in its frame; None while there is no field.
 
-        Without what nobody has seen, if the grasp that the hand is nearly at is in there.
+        Without unobserved surface, if the grasp that the hand is nearly at is in there.
         """
         surface: ObstacleGrid | None = evaluate(self._controller._surface, self._context)
         return surface
 
     @checked()
     def scheduled_obstacle(self, grid: ObstacleGrid | None) -> ObstacleGrid | None:
-        """What of an object's surface the hand keeps off, see `obstacle_surface`."""
+        """The object's surface with clearance, see `obstacle_surface`."""
         if grid is None or grid.seen is None:
             return grid
         X_FG, hand = self._controller.reachability.gripper.X_FG, self._controller._open_hand

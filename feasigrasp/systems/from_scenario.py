@@ -1,4 +1,4 @@
-"""The parts of the pipeline as a scenario has them, from the robot cell to the controller."""
+"""Makes the systems of the pipeline from a scenario."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def make_station(scenario: Scenario) -> Station:
         ScenarioError: Drake cannot build it, e.g. a camera stands on a frame that there is not.
         MeshError: The object cannot be simulated.
     """
-    # Only the simulated hand errs: what is planned with is the one that is believed.
+    # Only the simulated hand errs; planning uses the nominal one.
     config = replace(station_config(scenario), hand_error=make_hand_error(scenario))
     obj, motion = load_scenario_object(scenario), make_motion(scenario)
     config.distractor_bodies = make_distractor_bodies(scenario, obj, motion)
@@ -72,7 +72,7 @@ def make_station(scenario: Scenario) -> Station:
 
 
 def station_config(scenario: Scenario) -> StationConfig:
-    """What stands in the cell of a scenario."""
+    """Configuration of the station of a scenario."""
     safe = scenario.control.safe
     return StationConfig(
         plant=scenario.plant_config,
@@ -100,7 +100,7 @@ def make_foreground_segmentation(
     Raises:
         ScenarioError: The mask that the scenario names cannot be made.
     """
-    # A perfect camera's pixels are told apart no more finely than those of a real one.
+    # A perfect camera's pixels are separated no more finely than those of a real one.
     camera = make_camera(scenario, name, without_noise=DepthNoise())
     bodies = ModeledBodies(gripper, cell_boxes(station_config(scenario)))
     own = scenario.parts.get(Part.SEGMENTATION)
@@ -118,14 +118,14 @@ def make_object_pixels(scenario: Scenario, name: str = "") -> SegmentPointCloud:
 
 
 def make_field_tracker(scenario: Scenario) -> FieldTracker:
-    """The tracker of what perception's cameras see, which knows how noisy they are."""
+    """The tracker on perception's cameras, with their noise models."""
     second = scenario.perception.second_camera
     other = make_camera(scenario, second) if second else None
     return FieldTracker(make_camera(scenario), scenario.tracker, other)
 
 
 def uses_eye_in_hand_tracking(scenario: Scenario) -> bool:
-    """Whether the object is tracked with a camera that the arm carries."""
+    """Whether the object is tracked with a camera on the arm."""
     return scenario.tracker.kind == TrackerKind.CAMERA and has_eye_in_hand_camera(scenario)
 
 
@@ -136,13 +136,13 @@ def tracks_from_depth(scenario: Scenario) -> bool:
 
 
 def has_eye_in_hand_camera(scenario: Scenario) -> bool:
-    """Whether the arm carries perception's camera."""
+    """Whether perception's camera is on the arm."""
     frame = scenario.cameras[scenario.perception.camera].X_PB.base_frame
     return frame not in (None, "", "world")
 
 
 def make_view_filter(scenario: Scenario, gripper: ParallelGripper) -> ViewFilter:
-    """What rates grasps by what perception's camera sees there."""
+    """The filter of grasps by visibility in perception's camera."""
     return ViewFilter(gripper, make_camera(scenario), scenario.grasp.standoff)
 
 
@@ -186,7 +186,7 @@ def make_scenario_sampler(scenario: Scenario, gripper: ParallelGripper) -> Grasp
 def make_grasp_sampler(
     scenario: Scenario, sampler: GraspSamplerFn, gripper: ParallelGripper
 ) -> GraspSampler:
-    """What samples grasps, and filters them as the scenario says."""
+    """The grasp sampler of a scenario, with its filter."""
     checks = gripper if scenario.perception.filter else None
     rest = _KEYFRAMES_REST if scenario.tracker.kind == TrackerKind.CAMERA else 0.0
     return GraspSampler(sampler, checks, mass=scenario.object.mass, rest=rest)
@@ -195,7 +195,7 @@ def make_grasp_sampler(
 def make_scene(
     scenario: Scenario, gripper: ParallelGripper, labels: Iterable[int]
 ) -> PointCloudToScene:
-    """What makes a scene of all pixels but those of some labels."""
+    """The scene fusion of all pixels but those of some labels."""
     config = scenario.scene
     return PointCloudToScene(
         labels, gripper=gripper, period=config.period, resolution=config.resolution
@@ -203,7 +203,7 @@ def make_scene(
 
 
 def make_perception(scenario: Scenario) -> LeafSystem:
-    """What merges views: those of every period, or those that the camera's tracker picks."""
+    """The view fusion of a scenario: periodic views, or keyframes of the tracker."""
     config, tracker = scenario.perception, scenario.tracker
     camera = tracker.kind == TrackerKind.CAMERA
     make = KeyframesToGPDF if camera else PointCloudToGPDF

@@ -1,4 +1,4 @@
-"""Joint-space control over inverse kinematics solutions of the reachable grasps."""
+"""Joint-space controller over IK solutions of the reachable grasps."""
 
 from __future__ import annotations
 

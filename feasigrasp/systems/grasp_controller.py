@@ -1,4 +1,4 @@
-"""What all controllers of the arm share: ports, rates, memory, and what keeps the arm safe."""
+"""Base system of grasp controllers: ports, rates, state and safety filter."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ from feasigrasp.systems.ports import (
     weakly,
 )
 
-#: Time between the commands of a rehearsal: long, to be there soon [s].
+#: Time between the commands of the warm-up: long, to be there soon [s].
 _WARM_UP_STEP = 0.04
 _AT_REST = np.zeros(6)
 
@@ -105,7 +105,7 @@ class GraspController(LeafSystem):
     ``chosen_grasp`` is V16, the grasp that the hand goes for as a matrix X_OG, row by row, and NaN
     where it goes for no one grasp; see `chosen`.
 
-    Where ``plan`` is connected, it is the memory, and `update` is left to whoever tells it, such as
+    Where ``plan`` is connected, it is the memory, and `update` is left to its source, such as
     a controller of the same kind in another process.
 
     A controller of your own is two functions: `update`, called every ``period`` seconds, returns
@@ -210,7 +210,7 @@ class GraspController(LeafSystem):
 
     @checked(ControlError)
     def update(self, memory: Any, inputs: ControllerInputs) -> Any:
-        """What to remember from now on.
+        """The next memory.
 
         Args:
             memory: What was remembered until now; at first what the constructor was given.
@@ -238,13 +238,13 @@ class GraspController(LeafSystem):
 
     @checked(ControlError)
     def memory(self, context: Context) -> Any:
-        """What the last `update` returned, here or where the ``plan`` comes from."""
+        """The result of the last `update`, here or at the source of ``plan``."""
         planned = optional(self._plan, context)
         return self._memory.Eval(context) if planned is None else planned
 
     @property
     def memory_tickets(self) -> set[DependencyTicket]:
-        """What an output that follows from the memory depends on."""
+        """Dependency tickets of outputs that depend on the memory."""
         return {self._memory.ticket(), self._plan.ticket()}
 
     @checked(ControlError)

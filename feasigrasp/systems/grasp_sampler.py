@@ -1,4 +1,4 @@
-"""Grasps of the object that a distance field describes."""
+"""Samples grasps from the distance field of the object."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class _Sampled(Frozen):
 
 
 class GraspSampler(LeafSystem):
-    """Samples and filters grasps, once per distance field, and knows them again on the next one.
+    """Samples and filters grasps per distance field, with data association.
 
     .. pydrake_system::
 
@@ -46,8 +46,8 @@ class GraspSampler(LeafSystem):
         - grasps
 
     ``gpdf`` is a `Gpdf` or None (nothing seen yet), ``grasps`` a `GraspSet` in the same frame, with
-    the reason and count of every rejection; empty if nothing was seen. Any callable from a field to
-    a grasp set can be the sampler.
+    the reason and count of every rejection; empty before the first view. Any callable from a field
+    to a grasp set can be the sampler.
 
     With a hand, grasps know what its pads would have to bear (`GraspSet.load`).
 

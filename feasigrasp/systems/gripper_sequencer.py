@@ -1,4 +1,4 @@
-"""Closes the gripper on the object, lets the object go, lifts and shakes it."""
+"""State machine of the gripper: close, release from the carrier, lift, shake, hold."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class GripperSequencer(LeafSystem):
     `SearchTarget` while an object that is to be approached has been out of sight for a moment, its
     tracker says where it is expected, and the arm can look there; else None.
 
-    ``arrival`` is a `GraspSet` as well: a controller that finds grasps of its own on the way tells
+    ``arrival`` is a `GraspSet` as well: a controller that finds grasps of its own on the way gives
     them here, and they are passed on with the others.
 
     A hand that does not get on gives the nearest grasp up for a while, and looks at the object from
@@ -187,7 +187,7 @@ class GripperSequencer(LeafSystem):
 
     @checked(GraspError)
     def state(self, context: Context) -> GraspState:
-        """Where the sequence is."""
+        """State of the sequence."""
         state: GraspState = self._state.Eval(context)
         return state
 

@@ -1,4 +1,4 @@
-"""What is measured during a run, sample by sample; `evaluation.metrics.run_metrics` sums it up."""
+"""Samples the quantities behind the metrics of a run."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ class Metrics(LeafSystem):
     pose X_WO of the object frame in which the grasps are, where that is not the object's own (see
     `TrueFrame`; the port may stay unconnected), ``grasps`` what the controller is given, in O,
     ``sampled_grasps`` what reachability was judged of, ``view_time`` the time of the last view
-    behind ``grasps`` (NaN without one). These three may stay unconnected, where nobody knows of
+    behind ``grasps`` (NaN without one). These three may stay unconnected, where no system has
     them. ``sample`` holds `SAMPLE_NAMES`: smallest distance to a joint limit (negative beyond it);
     largest joint speed over its limit; manipulability at the flange; error to the nearest grasp
     (NaN without grasps); the object's position in the hand, the hand's orientation on the object as
     a rotation vector, the object's position and orientation in the world likewise; the `Phase`; how
-    many grasps were sampled, and how many of them the controller is given (NaN if nobody knows);
+    many grasps were sampled, and how many of them the controller is given (NaN if unconnected);
     time since the last view.
     """
 
@@ -123,5 +123,5 @@ class Metrics(LeafSystem):
 
 
 def _count(grasps: GraspSet | None) -> float:
-    """How many grasps there are; NaN if nobody tells."""
+    """Number of grasps; NaN if unconnected."""
     return np.nan if grasps is None else float(len(grasps))

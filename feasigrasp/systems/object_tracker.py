@@ -1,4 +1,4 @@
-"""What a motion-capture system would tell: the object's pose, late and noisy, and its motion."""
+"""Motion-capture tracker: delayed and noisy object poses, filtered, with a motion estimate."""
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -42,11 +42,12 @@ class ObjectTracker(LeafSystem):
 
     ``pose`` and ``object_pose`` are ``RigidTransform`` X_WO; ``object_velocity`` is a
     ``SpatialVelocity`` V_WO; ``object_motion`` is a `MotionEstimate`, which predicts. All three
-    come from a Kalman filter over the measurements that have arrived, which knows how noisy they
-    are; ``tracking`` is a `Tracking`, which says what they are worth. Until the first measurement
-    has arrived, pose and twist are NaN, which is how every system of the pipeline is told that they
-    are unknown; the first one is made when the simulation is initialised. When none has come for
-    ``silence`` seconds, the pose is held where it was expected by then, and nothing is predicted.
+    come from a Kalman filter over the measurements that have arrived, whose noise model is how
+    noisy they are; ``tracking`` is a `Tracking`, which says what they are worth. Until the first
+    measurement has arrived, pose and twist are NaN, by which every system of the pipeline detects
+    that they are unknown; the first one is made when the simulation is initialised. When none has
+    come for ``silence`` seconds, the pose is held where it was expected by then, and nothing is
+    predicted.
 
     ``stamp`` is V1 and optional: if it is connected, ``pose`` is a measurement already, as noisy
     and as late as it is, and ``stamp`` says when it was made [s]; NaN before the first.
@@ -109,7 +110,7 @@ class ObjectTracker(LeafSystem):
 
     @checked()
     def tracking(self, context: Context) -> Tracking:
-        """How much the pose is worth at present."""
+        """Quality of the pose at present."""
         s = parts(self._filtered(context))
         due = s.time[0] + (self._delay + 1) * self._config.period
         age = np.inf if np.isnan(due) else max(0.0, context.get_time() - due)

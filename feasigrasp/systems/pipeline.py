@@ -1,4 +1,4 @@
-"""The systems of the diagram, in the order in which `feasigrasp.systems.wiring` connects them."""
+"""The systems of the diagram, in the order of `feasigrasp.systems.wiring`."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Cell:
 
     @property
     def faults(self) -> FaultInjection:
-        """Where the scenario's faults come from."""
+        """Source of the scenario's faults."""
         return FaultInjection(self.builder, self.scenario)
 
     @property
@@ -103,7 +103,7 @@ class Cell:
 
     @property
     def remote(self) -> bool:
-        """Whether perception works in processes of its own."""
+        """Whether perception works in separate processes."""
         chosen = self.scenario.perception.execution
         return chosen == Execution.PROCESSES or (chosen == Execution.AUTO and not self.simulated)
 
@@ -303,7 +303,7 @@ def add_control(
 
 
 def add_status(cell: Cell) -> None:
-    """Adds what says in words what goes on."""
+    """Adds the status monitor."""
     cell.add("status", StatusMonitor(cell.gripper, cell.scenario.grasp))
 
 

@@ -1,4 +1,4 @@
-"""Perception: views of the object, merged in its own frame, become a distance field."""
+"""Perception: fuses views in the object frame and fits a distance field."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ OUTVOTING, OUTVOTING_SHARE = 4, 0.7
 
 @dataclass(frozen=True, eq=False)
 class Perceived(Frozen):
-    """What has been seen of the object.
+    """State of perception.
 
     Attributes:
         cloud: The merged views, in the object frame O.
         gpdf: The field fitted to them, in O; None until the object was seen.
         views: From where it has been seen.
-        looked: When it was looked at last, whether that told more or not [s].
+        looked: Time of the last view, merged or not [s].
         contradicted: Whether the last look contradicts the earlier views: then the tracked pose is
             wrong, or another object is seen. The view was not merged.
         outliers: Points of the merged views that were dropped as outliers.
@@ -68,7 +68,7 @@ class Perceived(Frozen):
     rival: FusedCloud | None = None
 
     def without(self, fault: ViewFault, detail: str = "") -> Perceived:
-        """The same, and one more view that could not be used."""
+        """The state with one more rejected view."""
         text = f"{fault}: {detail}" if detail else str(fault)
         return replace(self, faults=self.faults + Counter([fault]), last_fault=text)
 
@@ -214,7 +214,7 @@ class PointCloudToGPDF(LeafSystem):
             return seen.without(ViewFault.NOT_FINITE, f"{len(finite)} points of the object's mask")
         points_O = (X_OW @ points_W[finite].T).T
         if len(points_O) < self._min_points:
-            # Nobody can tell any more whether the pose is wrong; the hand had better go and see.
+            # Whether the pose is wrong is undecided; the hand has to take a view.
             doubted = seen.contradicted and time < seen.looked + DOUBTED_FOR - 1e-9
             return replace(seen, contradicted=doubted)
         kept, fault, detail = usable_points(points_O, p_OC, self._min_points, seen.cloud.points)

@@ -1,4 +1,4 @@
-"""What the camera sees beside robot and object becomes a scene."""
+"""Fuses the surroundings of the object into a scene field."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ports, caches and states of abstract values: their functions return what they compute."""
+"""Declares abstract ports, caches and states from functions that return values."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Calc = Callable[[Context], Any]
 
 
 class Nothing(Enum):
-    """What a port or state of Python objects holds instead of None, which Drake 1.58 refuses."""
+    """Placeholder for None in abstract ports and states, which Drake 1.58 refuses."""
 
     NOTHING = "nothing"
 
@@ -80,7 +80,7 @@ class ObjectInput:
         return bool(self._port.HasValue(context))
 
     def ticket(self) -> DependencyTicket:
-        """Says that something depends on it."""
+        """Dependency ticket."""
         return self._port.ticket()
 
 
@@ -145,7 +145,7 @@ class Cached:
         return system.get_cache_entry(self._index).Eval(context)
 
     def ticket(self) -> DependencyTicket:
-        """Says that something depends on it."""
+        """Dependency ticket."""
         return self._ticket
 
 
@@ -170,7 +170,7 @@ class PeriodicState:
         return _read(context.get_abstract_state(self._index).get_value())
 
     def ticket(self) -> DependencyTicket:
-        """Says that something depends on it."""
+        """Dependency ticket."""
         return self._ticket
 
 

@@ -1,4 +1,4 @@
-"""Drops the grasps that the arm cannot reach, now or a moment later."""
+"""Filters grasps by reachability over the prediction horizon."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.control.planning.in_view import rated_by_view
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
-from feasigrasp.models.grasps.hand_clearance import scene_clear, unseen_clear
+from feasigrasp.models.grasps.hand_clearance import scene_clear, unobserved_clear
 from feasigrasp.models.grasps.payload import rated_by_payload
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import NotNegative, Positive
@@ -50,7 +50,7 @@ class ViewFilter(LeafSystem):
 
     ``grasps`` are in the object frame O, before and after, the hand turned as it will be; ``gpdf``
     is the object's `Gpdf`, or None, without which nothing is rated; ``position`` V7 [rad] and
-    ``camera_pose`` X_WC tell where on the hand the camera is. None is dropped.
+    ``camera_pose`` X_WC give the camera's pose on the hand. None is dropped.
     """
 
     def __init__(self, gripper: ParallelGripper, camera: Camera, standoff: float = 0.0) -> None:
@@ -78,7 +78,7 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 
 class PayloadFilter(LeafSystem):
-    """How likely the pads of grasps bear the object's weight as the object is turned now.
+    """Payload filter of grasps at the object's present orientation.
 
     .. pydrake_system::
 
@@ -92,9 +92,9 @@ class PayloadFilter(LeafSystem):
     ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
     ``RigidTransform``; while it is not finite, the worst direction of gravity counts, and nothing
     is dropped. Scores are multiplied by the probability that a grasp carries (`rated_by_payload`);
-    how sure is enough depends on what is in reach, which `GripperSequencer` knows. What hardly
-    carries is dropped and counted as "too heavy there". Grasps whose `GraspSet.load` nobody has
-    told pass as they are.
+    how sure is enough depends on what is in reach (`GripperSequencer`). What hardly
+    carries is dropped and counted as "too heavy there". Grasps without
+    `GraspSet.load` pass as they are.
     """
 
     def __init__(self) -> None:
@@ -158,7 +158,7 @@ class SceneFilter(LeafSystem):
             return grasps.select(np.zeros(len(grasps), dtype=bool), Rejection.UNKNOWN_POSE)
         for judge, reason in (
             (scene_clear, Rejection.HITS_SCENE),
-            (unseen_clear, Rejection.UNOBSERVED),
+            (unobserved_clear, Rejection.UNOBSERVED),
         ):
             X_WG = X_WO @ grasps.X_OG
             clear = judge(scene, X_WG, self._gripper, self._margin)
@@ -185,7 +185,7 @@ class ReachabilityFilter(LeafSystem):
         - verdicts
 
     Grasps are in the object frame, before and after. A grasp and its flip about the approach
-    direction are one grasp but two hand poses: both are tried, unless told otherwise, and both may
+    direction are one grasp but two hand poses: both are tried by default, and both may
     remain. A pose is in reach if exact inverse kinematics finds a configuration inside the joint
     limits, free of self-collision and clear of the table, or whatever else the judge asks for.
 

@@ -1,4 +1,4 @@
-"""Task-space control over a Riemannian mixture of the reachable grasps."""
+"""Task-space controller over a Riemannian mixture of the reachable grasps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns joint velocity commands into the desired states that an iiwa follows."""
+"""Integrates joint velocity commands into desired states of the iiwa."""
 
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
@@ -28,7 +28,7 @@ class VelocityDrive(LeafSystem):
     ``velocity`` [rad/s] and ``position`` [rad] are V7, ``desired_state`` is V14 (positions, then
     velocities: the differences of the positions over the period) and ``desired_velocity`` its
     second half: the last command, which a controller needs that limits accelerations itself.
-    ``command_faults`` is V1: how many commands so far were not finite, or beyond ten times the
+    ``command_faults`` is V1: how many commands were not finite, or beyond ten times the
     velocity limits. All are state, so no output depends on an input at once. At initialisation the
     measured position is latched.
 

@@ -1,4 +1,4 @@
-"""Every connection of the diagram, top to bottom, in the order of the picture in README.
+"""Table of all connections of the diagram, in the order of the picture in README.
 
 Nothing else connects systems of the pipeline. A source is ``system.port``; ``camera.port`` and
 ``second.port`` are ports of the station's two cameras, and a word without a dot is a signal of this
@@ -219,7 +219,7 @@ _BY_NAME = ("sequencer", "tracker", "drive", "contact_sense", "scene_perception"
 def connect_all(
     builder: DiagramBuilder, signals: Mapping[str, OutputPort], cameras: Mapping[str, str]
 ) -> None:
-    """Connects the systems of a builder as `CONNECTIONS` says.
+    """Connects the systems of a builder by the table `CONNECTIONS`.
 
     Args:
         builder: Holds the systems under the names of the table; others are left alone.

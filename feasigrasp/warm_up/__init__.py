@@ -1,4 +1,4 @@
-"""Compiles what a run needs before it starts: on all processors, and saying how far it is."""
+"""Compilation of the kernels of a run in advance, in parallel."""
 
 from feasigrasp.warm_up.kernels import GROUPS, load_kernels
 from feasigrasp.warm_up.stamps import is_warm

@@ -1,4 +1,4 @@
-"""Which compiled functions a run calls, with which types of arguments (``kernels.json``).
+"""List of compiled functions and argument types of runs (``kernels.json``).
 
 The file is written by ``tools/make_kernels.py`` from what runs called.
 """
@@ -18,7 +18,7 @@ from feasigrasp.errors import ArgumentError
 from feasigrasp.models.arguments import checked
 
 FILE = Path(__file__).with_name("kernels.json")
-#: What runs are told apart by: the space of the controller.
+#: Groups of runs: the space of the controller.
 GROUPS = ("task", "joint")
 
 

@@ -1,4 +1,4 @@
-"""Types of a compiled function's arguments as text, in the syntax of Python, and back.
+"""Argument types of compiled functions as text in Python syntax, and back.
 
 ``(float64, array(float64, 2, 'C'), named('some.module:Load', float64, int64))``
 """

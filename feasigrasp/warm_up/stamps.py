@@ -1,4 +1,4 @@
-"""Files beside the compiled code that say what has been compiled, so that a run need not look."""
+"""Stamp files beside the compiled code that record what is compiled."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MODELS = Path(__file__).parents[1] / "models"
 
 
 def cache_folder() -> Path:
-    """Where numba keeps one of our functions; it finds a place in this order.
+    """Cache folder of numba for one function, found in this order.
 
     ``NUMBA_CACHE_DIR``, the folder of the source, and the user's cache (``~/.cache/numba``).
 

@@ -22,7 +22,7 @@ _MOST_PROCESSES = 8
 
 @dataclass(frozen=True)
 class Progress:
-    """How far the compilation is.
+    """Progress of the compilation.
 
     Attributes:
         done: How many functions are compiled.
@@ -105,7 +105,7 @@ class _Work:
                 return
 
     def left(self) -> list[Kernel]:
-        """What nobody took, because all workers died."""
+        """Work without a worker, because all of them died."""
         return list(self._left)
 
     def _take(self) -> Kernel | None:

@@ -1,4 +1,4 @@
-"""A process that compiles: ``python -m feasigrasp.warm_up.worker``.
+"""A compiling process: ``python -m feasigrasp.warm_up.worker``.
 
 It reads one kernel a line (module, name and signature, with tabs between them), and answers each
 with a line: nothing, or why it could not be compiled.

@@ -1,1 +1,1 @@
-"""Controllers and samplers to compare with: nearest grasp, grasp diffusion."""
+"""Baseline controllers and samplers: nearest grasp, grasp diffusion."""

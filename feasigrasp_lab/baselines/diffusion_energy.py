@@ -1,4 +1,4 @@
-"""The energy of grasp diffusion in torch: from a cloud, a hand pose and a noise level to a number.
+"""Energy network of grasp diffusion in torch (SE(3)-DiffusionFields, Urain et al. 2023).
 
 After Urain, Funk, Peters, Chalvatzaki, "SE(3)-DiffusionFields" (arXiv 2209.03855), from their
 description: a vector-neuron encoder of the cloud, points on the hand that the pose moves, a feature

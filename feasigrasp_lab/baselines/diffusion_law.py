@@ -1,9 +1,9 @@
-"""Down the energy of grasp diffusion: its gradient as the hand's twist. A baseline.
+"""Baseline law: descent of the energy of grasp diffusion.
 
 The paper (arXiv 2311.02576, table II) drives the hand by the gradient of an SE(3) energy. The law
 ``gradient`` is that: gain times the gradient at the least noise, in rad and units of the energy's
 length. ``preconditioned`` goes at a rate, by the gradient times the variance of the noise, which
-falls as when samples are drawn: where there are no grasps near, an energy of little noise knows
+falls as when samples are drawn: where there are no grasps near, an energy of little noise has
 nothing.
 
 The paper does not say when fingers close. Here they do where the energy ends: once its noise has
@@ -43,7 +43,7 @@ from feasigrasp_lab.paper.task_law import least_norm_kernel
 #: than so many of its standard deviations: the length of noise in six directions, and half as much
 #: again.
 _COOLING, _FARTHEST = 0.85, 1.5 * np.sqrt(6.0)
-#: So far from the middle of an object noise brings hands [m].
+#: Distance from the center of an object that noise brings hands to [m].
 _KNOWN = 0.35
 #: The end of the way down the energy: in so many steps of that share of it.
 _STEPS, _SHARE = 10, 0.3
@@ -125,7 +125,7 @@ class DiffusedField(Frozen):
             X_OH: The hand in O, shape (4, 4).
             q: Joint positions [rad], shape (7,).
             X_WO: Object pose, shape (4, 4).
-            reachability: Tells whether the arm can take it, and the hand's opening.
+            reachability: Test of the pose, and the hand's opening.
         """
         arrival = self.arrival
         if len(arrival) == 0:
@@ -145,7 +145,7 @@ class DiffusedField(Frozen):
         X_OG, width, held = closed_on(self.gpdf, X[None], opening)
         reliable = np.ones(
             int(held.sum())
-        )  # nobody judges it, and its being there changes no other
+        )  # it is not judged, and its being there changes no other
         return GraspSet(X_OG[held], width[held], reliable, payload_score=reliable)
 
     def way(self, X_OH: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Sampler of the baseline: hand poses drawn from grasp diffusion, checked on the distance field."""
+"""Baseline sampler: hand poses of grasp diffusion, filtered by the distance field."""
 
 from __future__ import annotations
 

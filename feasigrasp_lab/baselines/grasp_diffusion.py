@@ -1,4 +1,4 @@
-"""Grasp diffusion ready to use: the energy's gradient at a hand pose, and samples of poses."""
+"""Grasp diffusion: gradient of the energy at a hand pose, and pose samples."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ANNEALED, SETTLING = 70, 50
 LAST_TIME = 1e-3
 #: Square of the step over the noise, at the last one [rad^2 or units^2].
 _STEP = 1e-3
-#: Positions are drawn so far from the middle of the object at first [m].
+#: Initial positions are drawn at this distance from the center of the object [m].
 _SPREAD = 0.1
 _FILE = WeightsFormat(
     "grasp diffusion", "feasigrasp grasp_diffusion 1", "feasigrasp train diffusion"
@@ -43,7 +43,7 @@ _FILE = WeightsFormat(
 
 @dataclass(frozen=True, eq=False)
 class DiffusedObject(Frozen):
-    """An object as the energy knows it.
+    """An object as input of the energy.
 
     Attributes:
         network: The energy.

@@ -1,4 +1,4 @@
-"""The gradient of a learned energy of grasps as the hand's twist: a baseline."""
+"""Baseline controller: gradient of the energy of grasps as the hand's twist."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class GraspDiffusionController(GraspController):
     `DiffusedField`. In between the command is a function of the inputs alone. On the way it looks
     at no grasps, only whether there are any in reach: without one the command is to stop, as it is
     while the object's pose or twist is not finite. Where the energy ends, with something between
-    the pads, is a grasp of its own: the output port ``arrival``, a `GraspSet` of one or none, tells
+    the pads, is a grasp of its own: the output port ``arrival``, a `GraspSet` of one or none, gives
     it. With the law ``gradient`` there is none. Without a field, as when fingers close and lift, it
     follows the grasp that it is given.
 
@@ -76,7 +76,7 @@ class GraspDiffusionController(GraspController):
         """A controller that descends an energy.
 
         Args:
-            reachability: Tells the hand on the flange.
+            reachability: Test, with the hand on the flange.
             options: Law and gains.
             diffusion: The energy; by default the one that comes with the package.
             safety: Margins of the QP.

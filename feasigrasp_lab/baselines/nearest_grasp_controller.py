@@ -1,4 +1,4 @@
-"""Damped tracking of the nearest reachable grasp: a baseline."""
+"""Baseline controller: damped tracking of the nearest reachable grasp."""
 
 from __future__ import annotations
 

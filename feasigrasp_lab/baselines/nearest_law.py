@@ -1,4 +1,4 @@
-"""The nearest reachable grasp, followed by damped least squares: what an engineer writes in a day.
+"""Baseline law: damped least squares towards the nearest reachable grasp.
 
 A baseline. Of the grasps that exact inverse kinematics reaches now, the one with the least travel
 time is followed, along its approach direction, until another one is nearer by `SAVED`; what the
@@ -78,7 +78,7 @@ def nearest_grasp(
         q: Joint positions [rad], shape (7,).
         X_OG: Grasps, shape (n, 4, 4).
         X_WO: Object pose, shape (4, 4).
-        reachability: Tells which are in reach, and how far away.
+        reachability: Test and distance of grasps.
     """
     if len(X_OG) == 0 or not np.isfinite(X_WO).all():
         return NearestGrasp()
@@ -107,7 +107,7 @@ def nearest_grasp_velocity(
         grasp: What is followed.
         X_WO: Object pose, shape (4, 4).
         V_WO: Object twist [angular; linear], shape (6,).
-        reachability: Tells whether the grasp is still in reach.
+        reachability: Test of the grasp.
         options: Gains.
 
     Returns:

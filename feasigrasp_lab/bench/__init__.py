@@ -1,1 +1,1 @@
-"""Benchmarks: how quick it is."""
+"""Benchmarks of computing times."""

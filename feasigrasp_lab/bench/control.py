@@ -69,7 +69,7 @@ def grasps_in_reach(
     """Groups of grasps that the arm reaches.
 
     Args:
-        reachability: Tells what can be reached.
+        reachability: Test of poses.
         n_groups: Number of groups; they are well apart in orientation and position.
         per_group: Grasps in each, which differ by some millimetres and degrees.
         rng: Draws them.

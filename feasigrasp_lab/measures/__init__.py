@@ -1,1 +1,1 @@
-"""Measures: how good a shape, a grasp, a score is."""
+"""Error measures of shapes, grasps and scores."""

@@ -1,4 +1,4 @@
-"""What grasp diffusion is taught by noise, against the score of a known mixture on SE(3)."""
+"""Error of the learned diffusion score against a mixture on SE(3) with known score."""
 
 from __future__ import annotations
 

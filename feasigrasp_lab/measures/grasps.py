@@ -1,4 +1,4 @@
-"""What is measured of proposed and of filtered grasps, on the true mesh."""
+"""Quality measures of proposed and of filtered grasps, on the true mesh."""
 
 from __future__ import annotations
 

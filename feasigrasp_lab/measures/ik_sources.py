@@ -1,4 +1,4 @@
-"""Where configurations come from: closed form, damped least squares or the flow, on the same poses.
+"""Comparison of IK solution sources: closed form, damped least squares, flow.
 
 All sources get the same random reachable poses: those of configurations that are uniform inside the
 limits and free of self-collision. A solution *reaches* its pose below 1 mm and 1 degree.

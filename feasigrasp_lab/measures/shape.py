@@ -1,4 +1,4 @@
-"""What is measured on one completed shape; see `feasigrasp_lab.studies.shape`."""
+"""Error measures of one completed shape; see `feasigrasp_lab.studies.shape`."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def sample_level_set(field: Gpdf, seeds: Iterable[Array] = (), cells: int = 40) 
     """Samples the completed surface of a field.
 
     Args:
-        field: The field. If it knows free space, surface in it does not count, see
+        field: The field. If it has free space, surface in it does not count, see
             `CompletedField.possible`.
         seeds: More points (n, 3) that are projected onto the surface: walls thinner than a cell
             change no sign.

@@ -1,4 +1,4 @@
-"""How long functions take, and the rows of it that a ``feasigrasp bench`` command writes."""
+"""Timing of functions, and result rows of ``feasigrasp bench``."""
 
 from __future__ import annotations
 

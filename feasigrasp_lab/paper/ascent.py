@@ -1,4 +1,4 @@
-"""Ascent of a Riemannian mixture's log density that does not get stuck between components.
+"""Gradient ascent of a mixture's log density, with an added pull towards better points.
 
 The direction that is followed, ``u = -sum_i r_i Log_mu_i(x)``, vanishes where the pulls of several
 components cancel: half-way between two of them, for instance. The paper samples surrounding points
@@ -108,10 +108,10 @@ def _disturb(
     strength: float,
     out: Array,
 ) -> None:
-    """Adds a pull towards the likeliest of the surrounding points, if it is likelier than here."""
+    """Adds a pull towards the surrounding point of highest density, if it exceeds that here."""
     n, radius = len(tangents), RADIUS * pull
     room, log_densities, r = np.empty((n, 6)), np.empty(n), np.empty(n)
-    best, likeliest, step = here, np.zeros(6), np.empty(6)
+    best, best_step, step = here, np.zeros(6), np.empty(6)
     for sample in range(12 + n):
         if sample < 12:
             step[:] = 0.0
@@ -128,9 +128,9 @@ def _disturb(
         there = posterior_kernel(parameters.log_weights, log_densities, r)
         if there > best:
             best = there
-            likeliest[:] = step
+            best_step[:] = step
     for i in range(6):
-        out[i] += strength * likeliest[i] / RADIUS
+        out[i] += strength * best_step[i] / RADIUS
 
 
 @compiled
@@ -148,7 +148,7 @@ def ascent_direction(mixture: RiemannianMixture, X: ArrayLike) -> Array:
 
     Returns:
         Body displacements, shape (..., 6) [rad, m]. Zero only if the pulls cancel and none
-        of the surrounding points is likelier.
+        of the surrounding points has a higher density.
     """
     X = np.ascontiguousarray(X, dtype=float)
     out = np.empty((*X.shape[:-2], 6))

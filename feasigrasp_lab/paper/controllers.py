@@ -1,4 +1,4 @@
-"""Controllers that enforce nothing, and those of the paper."""
+"""Controllers without safety filter, and those of the paper."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Single-precision kernels of a Riemannian mixture for blocks of poses: 4 ns a pose and component.
+"""Single-precision density of a Riemannian mixture for blocks of poses.
 
 They serve millions of poses, where speed decides and an error of 1e-5 in a log density does not
 matter (``feasigrasp bench reachability``, bench.em_pass_s); `feasigrasp.models.mixtures.kernels`

@@ -1,4 +1,4 @@
-"""An IK flow: many configurations for a flange pose, drawn from what a network has learnt.
+"""Inverse kinematics by a normalizing flow: samples of configurations for a flange pose.
 
 A conditional normalizing flow in the sense of IKFlow (Ames, Morgan, Konidaris, "IKFlow: Generating
 Diverse Inverse Kinematics Solutions", RA-L 2022): an invertible map from latents to configurations

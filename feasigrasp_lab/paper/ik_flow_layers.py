@@ -1,8 +1,8 @@
-"""What the IK flow is made of: its sizes, the joints' frames, and its kernels without torch.
+"""Layers of the IK flow: sizes, joint frames, and compiled mixture quantiles.
 
 See `feasigrasp_lab.paper.ik_flow` for the model as a whole. The kernels work on *targets*: the
 first three rows (3, 4) of the flange pose that is left to reach, in the frame of the link reached
-so far.
+up to here.
 """
 
 from __future__ import annotations

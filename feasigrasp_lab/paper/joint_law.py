@@ -1,4 +1,4 @@
-"""The paper's law in joint space (section IV-D.2): down the distance field over IK solutions.
+"""The paper's joint-space law (section IV-D.2): descent of the distance field over IK solutions.
 
 As printed, ``qd = -k d grad d`` with solutions that are drawn anew at every update. Corrected, the
 way that is left decreases at the rate k, the solutions' own velocity is fed forward, and the
@@ -34,9 +34,9 @@ from feasigrasp_lab.paper.options import Law
 from feasigrasp_lab.paper.sources import Draw
 
 #: Straight to the grasps.
-_FUNNEL: ApproachCorridor = JointControlOptions().corridor._replace(max_standoff=0.0)
+_CORRIDOR: ApproachCorridor = JointControlOptions().corridor._replace(max_standoff=0.0)
 #: No plan: nothing but the present counts.
-_PRICES = CostWeights(times=(0.0,))
+_COSTS = CostWeights(times=(0.0,))
 
 
 def _resampled(draw: Draw, n: int, X_WF: Array) -> tuple[Array, Indices]:
@@ -160,7 +160,7 @@ class PaperJointControl:
     ) -> None:
         self._reachability, self._options, self._period = reachability, options, period
         self._search = _Search(
-            *(reachability, _FUNNEL, _PRICES, options.solutions, period), options.length_scale
+            *(reachability, _CORRIDOR, _COSTS, options.solutions, period), options.length_scale
         )
 
     def update(
@@ -176,7 +176,7 @@ class PaperJointControl:
         """The solutions for the next period, as `JointSpaceControl.update`."""
         if not np.isfinite(X_WO.sum() + V_WO.sum() + q.sum()):
             return previous
-        ahead = predicted_poses(PredictionModel.PREDICTED, motion, X_WO, V_WO, _PRICES.instants)
+        ahead = predicted_poses(PredictionModel.PREDICTED, motion, X_WO, V_WO, _COSTS.instants)
         q, draw, X_OG = np.ascontiguousarray(q, dtype=float), self._options.draw, grasps.X_OG
         if draw is None:
             return self._search.update(previous, time, grasps, ahead, q)
@@ -212,7 +212,7 @@ class PaperJointControl:
             solutions.arm_angle,
             solutions.cost,
             solutions.length_scale,
-            _FUNNEL.parameters,
+            _CORRIDOR.parameters,
             (options.law == Law.GRADIENT, options.gain, options.feed_forward),
         )
         return np.asarray(qd)

@@ -1,8 +1,8 @@
-"""Judging hand poses by the paper's density, or by it and exact inverse kinematics.
+"""Reachability tests by name: density of reachable poses, or density and exact IK.
 
 The paper calls a pose reachable if its density under a mixture of reachable poses exceeds a
 threshold (section IV-B). That is quick and soft: it lets poses through that no configuration
-reaches. Exact inverse kinematics knows, and knows why not.
+reaches. Exact inverse kinematics decides, with a reason.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class PoseJudge(Frozen):
     """Says which hand poses can be reached, and why the others cannot.
 
     Attributes:
-        reachability: Exact inverse kinematics; its gripper tells where the flange is.
+        reachability: Exact inverse kinematics; its gripper gives the pose of the flange.
         method: Exact, the paper's, both, or none at all; a `JudgeMethod` or its word.
         space: Density of reachable flange poses, for ``rmm`` and ``both``; the packaged one of the
             iiwa if not given.

@@ -1,4 +1,4 @@
-"""The control modes ``paper``, the method as printed, and ``corrected``, with corrected laws.
+"""The control modes ``paper`` (the method as printed) and ``corrected`` (with corrected laws).
 
 Neither enforces anything. Where neither the paper nor its authors' scripts give a number, it is a
 choice:

@@ -1,4 +1,4 @@
-"""The reachable space of an arm as a density over poses, with a threshold: the paper's filter.
+"""Reachable space of an arm as a thresholded density over poses: the paper's filter.
 
 A Riemannian mixture is fitted to the poses of uniformly drawn admissible configurations (the
 paper's section IV-B). A pose counts as reachable if its log density exceeds the value that 99 % of

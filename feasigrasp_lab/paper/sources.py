@@ -1,4 +1,4 @@
-"""Inverse-kinematics solutions that are drawn: from the IK flow, as in the paper, or by iteration.
+"""Sampled IK solutions: the IK flow, as in the paper, or damped least squares.
 
 The iteration is damped least squares from random configurations. The random numbers are the same at
 every call, as in the paper: what is drawn moves with the poses.

@@ -1,4 +1,4 @@
-"""The paper's law in task space (section IV-D.1): up the log density of a mixture of grasps.
+"""The paper's task-space law (section IV-D.1): gradient ascent of a mixture's log density.
 
 As printed, ``qd = J^+ grad log p``, with the right Jacobian where it belongs
 (`RiemannianMixture.log_density_gradient`). Corrected, the hand follows the direction preconditioned

@@ -1,1 +1,1 @@
-"""Other implementations, to compare with."""
+"""Implementations of others, for comparison."""

@@ -1,4 +1,4 @@
-"""The paper's control steps as plain array code, to time ours against.
+"""The paper's control steps as plain array code, for timing.
 
 Each step is written once, vectorised over components, grasps and joints, for NumPy and for torch:
 ``xp`` is either module. None of our kernels is used, so that the results check ours as well.

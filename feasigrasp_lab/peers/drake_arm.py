@@ -1,4 +1,4 @@
-"""The arm as Drake knows it: our URDF in a plant, and the capsules of its hand in a checker."""
+"""The arm in Drake: URDF in a plant, and capsules of the hand in a collision checker."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ways to turn a twist of the hand into a safe joint velocity, beside the package's QP.
+"""Alternative laws from a hand twist to a safe joint velocity.
 
 Each law takes a `State` and returns the next joint velocity, or None if it has found none.
 """
@@ -112,7 +112,7 @@ def _saturate(J, V, qd_preferred, lower, upper):
 
 
 def saturation_in_the_null_space(s: State) -> Array:
-    """Pseudo-inverse, joints at their bounds taken out one by one; knows no clearance."""
+    """Pseudo-inverse, joints at their bounds taken out one by one; no clearance."""
     return np.asarray(_saturate(s.J, s.V, s.qd_preferred, s.lower[:_N], s.upper[:_N]))
 
 
@@ -145,7 +145,7 @@ def drake_function(options: SafetyOptions) -> Law:
 def drake_system(options: SafetyOptions) -> Law:
     """Drake's `DifferentialInverseKinematicsSystem`: its own kinematics, clearances and limits.
 
-    It knows no acceleration limits and no preferred velocity but towards a posture; clearances are
+    It has no acceleration limits and no preferred velocity but towards a posture; clearances are
     to hold after the next step, so that an approach is not slowed down before.
     """
     IK = DifferentialInverseKinematicsSystem

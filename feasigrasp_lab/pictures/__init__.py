@@ -1,1 +1,1 @@
-"""Pictures of the arm's capability."""
+"""Pictures of the arm's workspace."""

@@ -1,4 +1,4 @@
-"""Slices through what the arm reaches, with the arm drawn on them."""
+"""Slices through the capability map of the arm."""
 
 from __future__ import annotations
 

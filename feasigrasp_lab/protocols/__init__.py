@@ -1,1 +1,1 @@
-"""What the parts of an evaluation change in a scenario: speeds, degradations, rules of a test."""
+"""Evaluation protocols: speeds, degradations, rules of a test."""

@@ -1,4 +1,4 @@
-"""What each part of the system is worth: runs without it beside the same runs with it."""
+"""Ablations: paired runs without one part of the system."""
 
 from __future__ import annotations
 

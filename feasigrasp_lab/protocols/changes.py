@@ -1,4 +1,4 @@
-"""Changes of scenarios, which protocols and studies are made of."""
+"""Changes of scenarios, for protocols and studies."""
 
 from __future__ import annotations
 

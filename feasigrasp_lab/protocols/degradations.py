@@ -1,4 +1,4 @@
-"""What makes the task harder than perfect sensors and an ordinary object do."""
+"""Degradations of sensors and objects beyond the ideal case."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _camera_noise(scenario: Scenario) -> None:
 
 
 def _hand_eye(scenario: Scenario) -> None:
-    """The camera stands 5 mm and 1 degree from where it is believed, and has its noise as well."""
+    """The camera stands 5 mm and 1 degree off its calibrated pose, and has its noise as well."""
     errors = {"hand_eye_position": 0.005, "hand_eye_angle_deg": 1.0}
     scenario.camera_noise = {scenario.perception.camera: errors}
 

@@ -1,4 +1,4 @@
-"""The faults that ``evaluate faults`` tries, and what counts as having noticed them."""
+"""Faults of ``evaluate faults``, with the expected reports."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class StudiedFault:
 
 _UNOBSERVED = ("nothing_seen", "no_grasp", "views_dropped")
 _DOUBTED = ("pose_jumped", "pose_contradicted", "pose_lost", "views_dropped")
-_KEEP = "grasps of what was seen before stay good, since the pose is tracked; without any it waits"
+_KEEP = "grasps of the earlier views stay good, since the pose is tracked; without any it waits"
 _DROP = "views that contradict the others, or cannot be fitted, are dropped and counted"
 _HOLD = "after `tracker.silence` the pose is held, grasps lapse, the arm brakes and waits"
 _FOLLOW = "it follows, and grasps when the hand has caught up"
@@ -117,13 +117,13 @@ FAULTS: dict[str, StudiedFault] = {
     "mask_empty": StudiedFault("no pixel is taken for the object", _KEEP, MaskEmpty(), _UNOBSERVED),
     "pose_frozen": StudiedFault(
         "the measured pose stays the same, bit for bit",
-        "it is believed until a view contradicts it: then grasps lapse, the arm brakes and waits",
+        "it is accepted until a view contradicts it: then grasps lapse, the arm brakes and waits",
         PoseFrozen(),
         _DOUBTED,
     ),
     "pose_jump": StudiedFault(
         "the measured pose is 10 cm and 30 degrees off for 1 s",
-        "it is not believed at once; views that contradict it are dropped",
+        "it is gated at first; views that contradict it are dropped",
         PoseJump(duration=1.0),
         _DOUBTED,
     ),
@@ -142,7 +142,7 @@ FAULTS: dict[str, StudiedFault] = {
     ),
     "pose_nan": StudiedFault("no pose any more", _HOLD, PoseNan(), ("pose_lost",)),
     "pose_late": StudiedFault(
-        "poses 100 ms late with 5 mm and 3 degrees of noise, always; the tracker is told",
+        "poses 100 ms late with 5 mm and 3 degrees of noise, always, as modeled in the tracker",
         "the tracker predicts over the latency and smoothes as much as the noise asks for",
         None,
         _DOUBTED,
@@ -150,8 +150,8 @@ FAULTS: dict[str, StudiedFault] = {
         tracker={"latency": 0.1, "position_noise": 0.005, "rotation_noise": math.radians(3.0)},
     ),
     "pose_late_untold": StudiedFault(
-        "the same from an instant on, and the tracker is not told",
-        "measurements that contradict each other are not believed",
+        "the same from an instant on, without the tracker's noise model",
+        "measurements that contradict each other are gated",
         PoseLate(),
         _DOUBTED,
     ),

@@ -1,4 +1,4 @@
-"""Speeds at which the object moves along its path, and at which it turns."""
+"""Translational and rotational speeds of the object."""
 
 from __future__ import annotations
 

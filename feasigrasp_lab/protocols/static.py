@@ -1,4 +1,4 @@
-"""Rules of the static test, and the parts of the pipeline that its ablation leaves out."""
+"""Rules of the static test, and its ablations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def honest(scenario: Scenario) -> None:
 
 
 def hard(scenario: Scenario) -> None:
-    """Friction 0.3, the hand 5 mm and 5 degrees from where it is believed, twice the mass."""
+    """Friction 0.3, the hand 5 mm and 5 degrees off its nominal pose, twice the mass."""
     scenario.object.friction = 0.3
     scenario.object.mass_factor = 2.0
     scenario.execution.position_error = 0.005

@@ -1,4 +1,4 @@
-"""Success over how fast the object moves and turns: a table, and a figure with intervals."""
+"""Success rate over object speed: table and figure with intervals."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ def _paper_parts(found: Rows, folder: Path, conditions: str) -> list[str]:
             conditions,
         ]
     presets = [preset for preset in _presets(found) if preset.startswith("Paper")]
-    parts += [f"![The table as bars]({FIGURE})", "### What the paper does not tell"]
+    parts += [f"![The table as bars]({FIGURE})", "### Not in the paper"]
     return [*parts, _metric_table(found, presets, _MORE), conditions]
 
 

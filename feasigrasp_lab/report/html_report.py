@@ -1,4 +1,4 @@
-"""A folder of results as one page that needs nothing beside it.
+"""Report of a result folder as one self-contained HTML page.
 
 It has what `feasigrasp_lab.report.markdown_report` writes, with its figures inside, and what
 only a page can show: below each result every object with its picture and how often it was held, and
@@ -165,8 +165,8 @@ def _failures_part(folder: Path, records: Mapping[Path, Record], replays: int) -
             *(Path(run["object"]).stem, str(run["seed"]), str(metrics["cause"]).replace("_", " ")),
             *("-" if pushed is None else f"{pushed:.0f}", (run["error"] or "-")[:200]),
         )
-        told = "".join(f"<td>{html.escape(cell)}</td>" for cell in cells)
-        lines.append(f"<tr>{told}<td>{link}</td></tr>")
+        texts = "".join(f"<td>{html.escape(cell)}</td>" for cell in cells)
+        lines.append(f"<tr>{texts}<td>{link}</td></tr>")
     if not lines:
         return "<h3>The worst failures</h3>\n<p>Every run held its object.</p>"
     heads = ("run", "controller", "object", "seed", "why", "pushed [mm]", "error", "replay")

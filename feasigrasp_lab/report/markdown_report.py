@@ -1,4 +1,4 @@
-"""``feasigrasp report DIR``: what an evaluation or a benchmark found, as Markdown.
+"""``feasigrasp report DIR``: write the results of an evaluation or benchmark as Markdown.
 
 Reads ``DIR/summary.json``, or those of the folders in DIR, and writes ``DIR/report.md``. The
 dynamic and the static evaluation get the paper's tables beside their own, and figures; any other

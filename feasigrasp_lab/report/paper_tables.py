@@ -1,4 +1,4 @@
-"""Tables of the paper (arXiv 2311.02576), to put ours beside them."""
+"""Tables of the paper (arXiv 2311.02576), for comparison."""
 
 from __future__ import annotations
 

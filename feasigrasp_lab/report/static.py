@@ -79,7 +79,7 @@ _FAULTS = (
 )
 #: What is said of the rows about an arm whose object is lost for good.
 _RESTS = {
-    "rest_s": "told to rest {:.2f} s after the stated silence or after a touch since then",
+    "rest_s": "commanded to rest {:.2f} s after the stated silence or after a touch since then",
     "rest_pushed_s": "in motion, pushed by the object or not, {:.2f} s after the stated silence",
 }
 

@@ -71,7 +71,7 @@ Cell = tuple[float, str] | None
 
 
 def _best(cells: Sequence[Cell], digits: int, more: bool) -> set[str]:
-    """Texts of the best figures of a column, as far as its digits tell."""
+    """Texts of the best figures of a column, at its number of digits."""
     there = [(round(cell[0], digits), cell[1]) for cell in cells if cell is not None]
     values = [value for value, _ in there]
     best = (max if more else min)(values, default=None)

@@ -1,4 +1,4 @@
-"""The words for what a table was measured under."""
+"""Conditions of a measurement in words."""
 
 from __future__ import annotations
 

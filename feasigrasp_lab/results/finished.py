@@ -1,4 +1,4 @@
-"""Work that need not be done again when its command is repeated."""
+"""Finished work units, for the resumption of a command."""
 
 from __future__ import annotations
 
@@ -161,7 +161,9 @@ def report_reuse(kept: int, total: int, folder: Path) -> None:
     if kept:
         print(f"{kept} of {total} are finished already in {folder}")
         if (git_revision() or "").endswith("-dirty"):
-            print("  uncommitted changes cannot be told apart: use a new --out after changing code")
+            print(
+                "  uncommitted changes cannot be distinguished: use a new --out after changing code"
+            )
 
 
 def _plain(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Markdown that commands write."""
+"""Markdown output of commands."""
 
 from __future__ import annotations
 

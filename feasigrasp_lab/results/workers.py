@@ -1,4 +1,4 @@
-"""Who does many pieces of work: threads here, the jobs of an array, or a Dask cluster."""
+"""Parallel work: threads, array jobs, or a Dask cluster."""
 
 from __future__ import annotations
 

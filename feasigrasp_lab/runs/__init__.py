@@ -1,1 +1,1 @@
-"""Many runs: plans, processes of their own, summaries, probes and roll-outs."""
+"""Many runs: plans, isolated processes, summaries, probes and roll-outs."""

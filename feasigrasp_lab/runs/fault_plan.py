@@ -1,4 +1,4 @@
-"""Which runs ``evaluate faults`` consists of, and what came of each of them."""
+"""Plan of the runs of ``evaluate faults``, and their outcomes."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def nominal_runs(args: argparse.Namespace) -> list[FaultRun]:
         check_scenario(scenario)
         runs.append(FaultRun(motion, name, scenario, instant=k))
     for each in {run.object_name: run for run in runs}.values():
-        load_scenario_object(each.scenario)  # a wrong mesh is told now, not run by run
+        load_scenario_object(each.scenario)  # a wrong mesh is reported here, not run by run
     return runs
 
 

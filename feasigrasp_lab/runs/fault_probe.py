@@ -1,4 +1,4 @@
-"""What a record does not tell of a fault: whether truth leaks, and when the arm is at rest."""
+"""Probes of fault runs: leaks of ground truth, and the time until rest."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class ArmLog(NamedTuple):
 
 
 def arm_log(scenario: Scenario) -> ArmLog:
-    """What the arm is told and does in a scenario, until its duration is over."""
+    """Commands and motion of the arm in a scenario, until its duration is over."""
     with one_thread():
         diagram = make_dynamic_grasp(scenario)
         simulator = Simulator(diagram)
@@ -94,7 +94,7 @@ class Handled:
 
 
 def blind_pairs(scenario: Scenario) -> dict[str, tuple[Scenario, Scenario]]:
-    """By name, two scenarios that differ in nothing but what no sensor can tell.
+    """By name, two scenarios that differ only in what no sensor measures.
 
     In the first two the object's place differs and no pose is ever measured, so no view can be
     used either; in the others the object leaves to different places at an instant from which on
@@ -155,11 +155,11 @@ def rest_times(text: str, lost_at: float) -> Rest:
 
 def rest_of(log: ArmLog, due: float) -> Rest:
     """The same, by what the arm did, and when the stated silence ends [s]."""
-    moving, told = (
+    moving, commanded = (
         log.times[(np.abs(speeds).max(axis=1) > _REST) & (log.times > due)]
         for speeds in (log.measured, log.commanded)
     )
     # What a command follows that is in motion: the end of the silence, or a later touch.
     causes = np.concatenate([[due], log.handled[log.handled > due]])
-    after = told - causes[np.searchsorted(causes, told, side="right") - 1]
+    after = commanded - causes[np.searchsorted(causes, commanded, side="right") - 1]
     return Rest(float(after.max(initial=0.0)), float((moving - due).max(initial=0.0)))

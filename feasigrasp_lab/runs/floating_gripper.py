@@ -1,4 +1,4 @@
-"""Tries grasps out: a gripper without an arm closes on the object, lifts it and shakes it.
+"""Grasp test in simulation: a free gripper closes on the object, lifts and shakes it.
 
 Cheap (well under a second of processor time each) and a screening only: an arm that gives way, the
 approach and the object's own motion are not in it. The contact model is that of the dynamic runs.
@@ -50,7 +50,7 @@ _SERVO_FREQUENCY = 60.0
 def load(time: float) -> np.ndarray:
     """Acceleration of a free thing in the frame of the hand, ``time`` after it was let go.
 
-    The hand points down: its approach direction z is that of gravity. What it does is told by
+    The hand points down: its approach direction z is that of gravity. Its motion is given by
     d'Alembert's principle as forces on the object, while the hand stays where it is.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Runs a scenario in a process of its own.
+"""Runs a scenario in an isolated process.
 
 A diagram with Python systems is never freed (11 MB each), and a crash in compiled code takes its
 process along: one process per run settles both. The processes are forked from one server that has
@@ -162,7 +162,7 @@ def run_isolated(
 ) -> Record:
     """Runs a scenario in its own single-threaded process and writes its record.
 
-    However the process ends, there is a record, unless it was told to end (SIGTERM): one that did
+    However the process ends, there is a record, unless it was terminated (SIGTERM): one that did
     not finish has its ``error``, and its grasp counts as not held. All processes run the code, and
     name the revision, that was there when the first of them started.
 
@@ -176,7 +176,7 @@ def run_isolated(
         The record, as `feasigrasp.runs.run.run` makes it.
 
     Raises:
-        Unfinished: The record, which comes with it, cannot be written; or the process was told to
+        Unfinished: The record, which comes with it, cannot be written; or the process was asked to
             end.
     """
     replay = None if replay is None else replay.resolve()  # the server may be in another folder
@@ -196,7 +196,7 @@ def run_isolated(
             record = None
         process.join()
         if record is None and process.exitcode == -signal.SIGTERM:
-            raise Unfinished("a run was told to end", [], STATUS)
+            raise Unfinished("a run was terminated", [], STATUS)
         if record is None:
             last = messages.read_text(errors="replace") if messages.exists() else ""
             error = f"the process ended with status {process.exitcode}: {last[-2000:].strip()}"

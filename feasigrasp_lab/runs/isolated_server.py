@@ -1,4 +1,4 @@
-"""What the processes of `feasigrasp_lab.runs.isolated` have in common, done once.
+"""Fork server of `feasigrasp_lab.runs.isolated`: common imports, done once.
 
 Importing this module loads all that a run needs and builds a diagram, so that compiled code is in
 memory. It is for the server process that they are forked from, and for nothing else.

@@ -1,4 +1,4 @@
-"""Which runs the dynamic evaluation consists of."""
+"""Plan of the runs of the dynamic evaluation."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def plan(args: argparse.Namespace) -> Plan:
                 if how[1] == ControlSpace.TASK or how[0] not in study.task_only
             ]
             try:
-                # A wrong mesh is told now, not run by run.
+                # A wrong mesh is reported here, not run by run.
                 print_notes(load_scenario_object(made[0].scenario))
             except MeshError as error:
                 if not Path(args.objects or "").is_dir():

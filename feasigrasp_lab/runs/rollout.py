@@ -1,4 +1,4 @@
-"""The control loop without physics and without a camera, to tune controllers with.
+"""Kinematic roll-out of the control loop, without physics and camera.
 
 The systems that run in `feasigrasp.systems.dynamic_grasp` (tracker, reachability filter,
 controller, drive, metrics) run here too, but the grasps come from the object's whole surface, once,

@@ -1,4 +1,4 @@
-"""Runs a plan, and reports what came out of it, even if it does not come to its end."""
+"""Runs a plan and reports its results, complete or not."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from feasigrasp_lab.results.workers import shard_folders
 from feasigrasp_lab.runs.isolated import report_crashes, run_all
 from feasigrasp_lab.runs.plan import Plan, PlannedRun
 
-#: What the object's frame is, by what tells its pose.
+#: The object's frame, by the source of its pose.
 _FRAME: dict[str, str] = {
     TrackerKind.MOCAP: "given, with the pose",
     TrackerKind.CAMERA: "that of the first view",
 }
-#: By what the object's pixels are told.
+#: The source of the object's pixels.
 _SEGMENTATION: dict[str, str] = {
     Segmentation.LABELS: "label image of the simulation",
     Segmentation.DEPTH: "depth image, arm and cell known",
 }
-#: The errors of a tracker's measurements, and how they are told.
+#: The errors of a tracker's measurements, and how they are modeled.
 _ERRORS = {
     "latency": "{:g} s late",
     "position_noise": "noise {:g} m",
@@ -107,7 +107,7 @@ def _execution(scenario: Scenario) -> str:
     if config.teleport:
         return "the arm is put at a grasp"
     if config.position_error == config.angle_error == 0.0:
-        return "the hand is where it is believed"
+        return "the hand is at its nominal pose"
     angle = math.degrees(config.angle_error)
     return f"the hand is {1e3 * config.position_error:.3g} mm and {angle:.3g} deg off"
 

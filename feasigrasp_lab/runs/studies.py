@@ -1,4 +1,4 @@
-"""The parts of the dynamic evaluation: what each runs, and what it changes."""
+"""Studies of the dynamic evaluation: runs and changes of each."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _DEGRADED = {
 
 @dataclass(frozen=True)
 class Study:
-    """One part of the evaluation, and what its scenarios are run with unless told otherwise.
+    """One part of the evaluation, and the defaults of its scenarios.
 
     Attributes:
         scenarios: Their names.

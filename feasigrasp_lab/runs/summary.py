@@ -1,4 +1,4 @@
-"""Figures of many runs: the rows of ``evaluate dynamic``."""
+"""Aggregates of many runs: the rows of ``evaluate dynamic``."""
 
 from __future__ import annotations
 

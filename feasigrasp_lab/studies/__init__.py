@@ -1,1 +1,1 @@
-"""Evaluations: how well it works."""
+"""Evaluation commands."""

@@ -1,7 +1,7 @@
 """``feasigrasp evaluate faults``: inject faults into every stage, and check limits and messages.
 
 Every fault begins with the run and at several instants that are drawn, with both controllers and
-several objects; before them the same runs without a fault, which tell when the approach is.
+several objects; before them the same runs without a fault, which give the time of the approach.
 Every run is a file of its own: repeated, the command goes on where it was.
 """
 

@@ -77,7 +77,7 @@ def sample_grasps(
 
 
 def try_object(name: str, what: tuple[str, int] | str, grasps: int, seed: int) -> list[Record]:
-    """Tries grasps of one object, told by family and seed or by its file; one record each."""
+    """Tries grasps of one object, given by family and seed or by its file; one record each."""
     obj = load_object(what) if isinstance(what, str) else make_shape(*what)
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
     gripper = ParallelGripper()

@@ -17,6 +17,7 @@ import numpy as np
 
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.runs.results.arguments import (
+    FormerOption,
     add_common_arguments,
     factor,
     names,
@@ -41,7 +42,7 @@ LIMITS = (
     "self_collision_percent",
 )
 _AT_CONTROLLER = [process_fault for process_fault in ProcessFault if not process_fault.at_worker]
-#: What is kept of what was heard of the controller.
+#: Record keys of the messages received from the controller.
 _RECEIVED = (
     *("request_gap_ms_max", "request_gap_ms_p99", "rest_s", "commands_missing"),
     *("commands_late", "commands_clamped", "driver_stopped_by_joint"),
@@ -65,8 +66,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="Largest real-time factor: simulated seconds per second.",
     )
     parser.add_argument(
-        "--blows", type=positive, default=100, help="Number of process faults in all runs together."
+        "--process-faults",
+        type=positive,
+        default=100,
+        help="Number of process faults in all runs together.",
     )
+    parser.add_argument("--blows", action=FormerOption, dest="process_faults", type=positive)
     parser.add_argument(
         "--networks", type=positive, default=6, help="Number of runs for each network impairment."
     )
@@ -98,7 +103,7 @@ def main(args: argparse.Namespace) -> int:
 def planned_pairs(
     runs: Sequence[PlannedRun], process_faults: int, networks: int, seed: int
 ) -> dict[str, dict[str, Any]]:
-    """What befalls which run, and when: every run once without, and others in turn with a fault."""
+    """Process fault and time of every run: once without, and others in turn with a fault."""
     rng = np.random.default_rng(seed)
     faults: list[str] = list(itertools.islice(itertools.cycle(ProcessFault), process_faults))
     faults += [network for network in Network for _ in range(networks)]
@@ -117,8 +122,8 @@ def planned_pairs(
 def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
     """What came of one pair of processes.
 
-    An arm that does not come to rest after its controller was struck counts as a broken limit, and
-    so does a driver that had to stop the arm.
+    An arm that does not come to rest after a process fault of its controller counts as a broken
+    limit, and so does a driver that had to stop the arm.
 
     Args:
         name: Name of the pair.
@@ -144,7 +149,7 @@ def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
 
 
 def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:
-    """Figures of the runs without a fault, of blows, and of every network."""
+    """Figures of the runs without a fault, with process faults, and of every network."""
     rows = []
     plain = [each for each in outcomes if not each["fault"]]
     process_faults = [each for each in outcomes if each["fault"] in _AT_CONTROLLER]

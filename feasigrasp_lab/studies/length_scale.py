@@ -2,7 +2,7 @@
 
 Repeats the grid search of Choi & Figueroa (arXiv 2311.02576), l in (0, 0.6] m, on our objects: one
 noisy view of each, completed with every l, compared with the true surface. Beside the paper's
-field stands the default one, which also knows which side is inside and where the camera saw past.
+field stands the default one, which also has the inside and where the camera saw past.
 """
 
 from __future__ import annotations

@@ -120,8 +120,8 @@ def evaluate_object(name: str, what: str, views: int, held_views: int, seed: int
         seed: Of the views.
 
     Returns:
-        Records with ``kind``: "set" (what `set_measures` tells of a sampler's grasps), "proposal"
-        (what `proposal_measures` tells of a network), "hold" (one simulated grasp).
+        Records with ``kind``: "set" (what `set_measures` returns for a sampler's grasps),
+        "proposal" (what `proposal_measures` returns for a network), "hold" (one simulated grasp).
     """
     torch.set_num_threads(1)
     obj = make_object(what)

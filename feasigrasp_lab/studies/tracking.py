@@ -45,7 +45,7 @@ _POINTS, _GATE = 1500, 0.01
 _SCALE, _STEPS = 2e-3, 15
 #: An image with fewer points is not registered; a first one needs so many.
 _LEAST, _FIRST = 80, 300
-#: A registration that fits fewer of the points is not believed, or not merged.
+#: A registration that fits fewer of the points is not accepted, or not merged.
 _ACCEPTED, _MERGED = 0.6, 0.85
 #: The twist is the mean over so many images.
 _WINDOW = 6
@@ -172,7 +172,7 @@ SCENARIOS = ("ReachLinear", "ReachCircular", "ReachSinusoidal")
 KINDS = {
     # As it grasps, until it lets go of the object's motion.
     "approach": ("", "", 10.0),
-    # It never knows a grasp; and where it does not lead its camera, it stands still.
+    # It never has a grasp; and where it does not lead its camera, it stands still.
     "observe": ("Mocap", "{perception: {latency: 10.0}}", 8.0),
     # It follows some way behind a grasp, as far as both sensors can measure, and does not close.
     "follow": ("", "{grasp: {close: false, standoff: 0.15}}", 60.0),

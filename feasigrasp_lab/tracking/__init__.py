@@ -1,1 +1,1 @@
-"""Recordings of the wrist camera and of others, and trackers played or judged on them."""
+"""Camera recordings, and the evaluation of trackers on them."""

@@ -1,4 +1,4 @@
-"""Plays recordings to a tracker, and judges its poses by the object's true surface.
+"""Evaluates a tracker on recordings, by the object's true surface.
 
 The frame O is the tracker's own, so at the first view it is aligned with the object once; from then
 on every error is the tracker's. A pose is judged by the mean distance of the surface at the tracked
@@ -32,7 +32,7 @@ from feasigrasp_lab.tracking.trackers import Tracker
 
 #: Points of the true surface that are compared.
 _SAMPLES = 400
-#: Points that tell what is symmetric.
+#: Points for the test of symmetry.
 _SYMMETRY_SAMPLES = 3000
 #: Mean square of what a turn moves the surface across itself, over the square of its size, below
 #: which the object is round: the built-in ones are below 0.002 or above 0.02.
@@ -161,7 +161,7 @@ class _Run:
         self._poses: list[tuple[Array, Array]] = []  # true ones, and those of O
 
     def judged(self) -> list[Frame]:
-        """The images so far."""
+        """The images up to here."""
         shown = [
             se3.inverse(X_true) @ X
             for frame, (X_true, X) in zip(self._frames, self._poses, strict=True)

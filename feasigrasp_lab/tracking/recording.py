@@ -1,4 +1,4 @@
-"""What the wrist camera sees while today's pipeline follows an object, with perfect depth images.
+"""Records the wrist camera during a simulated run, with perfect depth images.
 
 The arm keeps the object in view as it does by itself, and no tracker that is judged moves it. The
 errors of a sensor are put on the images when they are played, so that one recording serves every
@@ -41,7 +41,7 @@ class Recording:
     Attributes:
         times: Of the images, shape (n,) [s].
         depths: Perfect depth along the optical axis in steps of 0.1 mm, 0 where it is too near and
-            65535 where nothing is seen, shape (n, h, w).
+            65535 where nothing is measured, shape (n, h, w).
         masks: Which pixels show the object, shape (n, h, w).
         X_WC: Poses of the camera, z forward, shape (n, 4, 4).
         X_WO: True poses of the object, shape (n, 4, 4).

@@ -1,4 +1,4 @@
-"""Turns a recording with perfect depth into the images that a sensor would have made of it."""
+"""Applies a sensor model to a recording with perfect depth."""
 
 from __future__ import annotations
 

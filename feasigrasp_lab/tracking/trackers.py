@@ -1,4 +1,4 @@
-"""What a recording is played to: our tracker, and what a peer has to be."""
+"""Interface of trackers on recordings, and our tracker behind it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Tracker(Protocol):
         """Takes in an image."""
 
     def learnt(self) -> bool:
-        """Merges what was seen last, if it is worth it; whether it did."""
+        """Merges the last view if it is informative; returns whether it did."""
 
     @property
     def X_WO(self) -> Array | None:

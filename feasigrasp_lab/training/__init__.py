@@ -1,1 +1,1 @@
-"""Training and fitting of what the package ships."""
+"""Training and fitting of the shipped models."""

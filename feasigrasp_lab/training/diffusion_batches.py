@@ -1,4 +1,4 @@
-"""Batches for grasp diffusion: clouds, hand poses with noise, and what the energy should say."""
+"""Batches for grasp diffusion: clouds, noisy hand poses, and target scores."""
 
 from __future__ import annotations
 

@@ -87,8 +87,8 @@ def object_cases(family: str, number: int) -> Cases:
     evidence = np.column_stack(success_probability.contact_evidence(field, pairs))
     cases["CONTACT"] = evidence, truth.truly_antipodal(pairs.X_OG, gripper.max_opening)
 
-    X_OG, width, told = network.candidates(field)
-    proposed = GraspSet(X_OG, width, told[:, 0])
+    X_OG, width, learned = network.candidates(field)
+    proposed = GraspSet(X_OG, width, learned[:, 0])
     pairs = _opposing(field, proposed)
     contact = success_probability.contact_evidence(field, pairs)
     evidence = np.column_stack([success_probability.odds(pairs.score), *contact])
@@ -103,14 +103,14 @@ def object_cases(family: str, number: int) -> Cases:
     verdict = truth.hand_free(X_OG, gripper)
     evidence = np.column_stack(
         [
-            success_probability.odds(told[:, 1]),
+            success_probability.odds(learned[:, 1]),
             success_probability.clearance_evidence(clearance, deviation),
         ]
     )
     cases["CLEARANCE"] = evidence[free, 1:], verdict[free]
     cases["JOINT_CLEARANCE"] = evidence[free], verdict[free]
     if field.has_free_space:
-        in_doubt = np.flatnonzero(~free & (told.prod(axis=1) >= HOPEFUL))
+        in_doubt = np.flatnonzero(~free & (learned.prod(axis=1) >= HOPEFUL))
         seen = observed_clearance(field, X_OG[in_doubt], gripper, INVENTED)
         in_doubt = in_doubt[seen >= MARGIN]
         cases["UNOBSERVED_CLEARANCE"] = evidence[in_doubt, :1], verdict[in_doubt]
@@ -118,7 +118,7 @@ def object_cases(family: str, number: int) -> Cases:
 
 
 def _opposing(field: Gpdf, grasps: GraspSet) -> GraspSet:
-    """The grasps whose contacts oppose each other on the field, as far as it can tell."""
+    """The grasps whose contacts oppose each other on the field, by its own estimate."""
     known = np.flatnonzero(grasps.width >= THIN_WALL)
     return grasps.select(known[contact_cosine(field, grasps.select(known)) <= max(COSINE_STEPS)])
 

@@ -284,5 +284,5 @@ def _keep_folder(out: Path, settings: dict[str, Any]) -> None:
 def _command(args: argparse.Namespace) -> str:
     names = ["samples", "fit_poses", "components", "weighting", "tool", "floor", "seed"]
     names += ["plant", "base_frame", "end_frame"] if args.plant else []
-    told = argparse.Namespace(**{name: getattr(args, name) for name in names})
-    return command_line(told, "fit reachability")
+    given = argparse.Namespace(**{name: getattr(args, name) for name in names})
+    return command_line(given, "fit reachability")

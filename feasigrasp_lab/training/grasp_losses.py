@@ -1,4 +1,4 @@
-"""What grasp networks are trained for: labels, and the losses of what is proposed instead.
+"""Losses of the grasp networks.
 
 Everything but the contact counts at points where a valid grasp starts only.
 """

@@ -1,4 +1,4 @@
-"""The loop of all trainings: optimiser, schedule, running means, checkpoints, stop and go on.
+"""Training loop: optimizer, schedule, checkpoints, early stopping, resumption.
 
 The batch of a step depends on the seed and the step alone, so that a run that was interrupted goes
 on as if it had not been: the same command resumes it. ``checkpoint.pt`` is what a run resumes from,

@@ -40,7 +40,7 @@ from feasigrasp_lab.training.loop import (
 # What grasp diffusion learns from: valid hand poses and signed distances, beside the same clouds.
 #
 # Made of the shards of ``feasigrasp train sampler-data``: the clouds are the same, and the poses
-# are grasps that the same labels tell of, put exactly on the true mesh. Only the shapes of our own
+# are grasps of the same labels, put exactly on the true mesh. Only the shapes of our own
 # stream can be made again from what a shard says of them.
 
 #: Hand poses and signed distances that are kept of each example; with fewer valid poses than the
@@ -101,7 +101,7 @@ def write_hand_poses(filename: Path, number: int, *, shards: list[Path]) -> bool
 
 
 def valid_poses(truth: TrueGrasps, example: dict[str, Any], rng: np.random.Generator) -> Array:
-    """Some of the valid hand poses that an example's labels tell of, (n, 4, 4), n <= `POSES`.
+    """Some of the valid hand poses in an example's labels, (n, 4, 4), n <= `POSES`.
 
     Args:
         truth: The true object.
@@ -248,8 +248,8 @@ def errors(network: PoseEnergy, batch: Batch) -> tuple[Tensor, Tensor]:
     found = network.gradient(cloud, batch.R, batch.p, batch.time, train=True)
     deviation = standard_deviation(batch.time).unsqueeze(-1)
     score = (deviation * (found - batch.gradient)).abs()
-    said = network.features(cloud, batch.places, batch.axes, batch.times)[..., 0]
-    clipped = (part.clamp(-_FARTHEST, _FARTHEST) for part in (said, batch.distance))
+    distance = network.features(cloud, batch.places, batch.axes, batch.times)[..., 0]
+    clipped = (part.clamp(-_FARTHEST, _FARTHEST) for part in (distance, batch.distance))
     return score, torch.sub(*clipped).abs()
 
 

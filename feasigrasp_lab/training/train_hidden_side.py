@@ -2,7 +2,7 @@
 
 First it makes pictures of household shapes, in shards that are kept: a shape is looked at from one
 to three random directions by the noisy depth camera, the distance field is fitted, and rays cast
-from behind towards a camera tell where the object ends behind every pixel of its picture. Then it
+from behind towards a camera give the end of the object behind every pixel of its picture. Then it
 trains `feasigrasp_lab.training.train_hidden_side` on them. Whole families are held out and judge;
 start the same command again to resume.
 """
@@ -65,7 +65,7 @@ class _Block(nn.Sequential):
 class HiddenSideNetwork(nn.Module):
     """Thickness of the object behind every pixel, and the spread of what it may be.
 
-    It changes the thickness that is believed without it. Pictures (b, FEATURES, s, s) become
+    It corrects the thickness that is estimated without it. Pictures (b, FEATURES, s, s) become
     medians and scales of Laplace distributions, (b, s, s) each, in units of the picture's scale;
     s is a multiple of 8. Blocks of 2 x 2 pixels are looked at together: what lies behind them
     hardly differs.

@@ -1,7 +1,7 @@
 """``feasigrasp train sampler-data``: make the training data of the grasp network.
 
 A stream of objects, each looked at once or a few times, becomes shards of labelled examples
-(``shape_00042.npz``; docs/developing.md says what is in them). The stream is endless and told by
+(``shape_00042.npz``; docs/developing.md has their format). The stream is endless and given by
 its seed alone: more objects later continue it, and a command that was interrupted goes on after its
 last shard. One object in eight is of a family that is held out. By default all shapes are our own;
 ``--meshes`` and ``--acronym`` add those of others to the same folder.

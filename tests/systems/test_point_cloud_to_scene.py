@@ -100,14 +100,14 @@ def test_the_table_may_go_on_where_nobody_has_looked_but_not_in_the_arm():
     beside = np.array([[0.3, -0.1, 0.0], [0.3, 0.2, -0.05]])
     air = np.array([[0.3, 0.2, 0.1], [0.3, -0.1, 0.1]])
     scene = looked(dut, view)
-    assert (scene.unseen_distance(beside) < 0.0).all()
-    assert (scene.unseen_distance(air) > 0.05).all()
+    assert (scene.unobserved_distance(beside) < 0.0).all()
+    assert (scene.unobserved_distance(air) > 0.05).all()
     grid = obstacle_grid(scene)
     assert (grid.distance_and_gradient(beside)[0] < 0.02).all()
     q = np.array([0.0, 1.8, 0.0, -1.0, 0.0, 0.5, 0.0])  # the hand reaches down beside the strip
     balls = arm_balls(IIWA_CAPSULES)
     center = balls.placed(q)
-    assert np.min(scene.unseen_distance(center) - balls.radius) < 0.0
+    assert np.min(scene.unobserved_distance(center) - balls.radius) < 0.0
     around = looked(dut, view, position=q).unobserved
     least = np.linalg.norm(around[:, None] - center, axis=2) - balls.radius
     assert least.min() > 0.0

@@ -1,4 +1,4 @@
-"""Point clouds: reading, checking, merging, what sensors do to them."""
+"""Point clouds: reading, checks, fusion of views, sensor noise."""
 
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.files import prepare_cloud, read_cloud

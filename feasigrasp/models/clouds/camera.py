@@ -1,4 +1,4 @@
-"""A depth camera, as far as numerics reckon with it: where points appear, and how well."""
+"""Pinhole model of a depth camera with depth noise that grows with the square of the depth."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ class Camera(Frozen):
 
     @checked(CameraError)
     def in_image(self, points_C: Annotated[Array, CLOUD]) -> Mask:
-        """Which points (n, 3) are in the image and far enough to be measured, shape (n,)."""
+        """Mask of points (n, 3) inside the image and beyond the least depth, shape (n,)."""
         u, v = self.pixels(points_C)
         inside = (u > 1.0) & (u < self.width - 2.0) & (v > 1.0) & (v < self.height - 2.0)
         return np.asarray(inside & (points_C[:, 2] > self.near))
 
     @checked(CameraError)
     def to_border(self, points_C: Annotated[Array, CLOUD]) -> Array:
-        """How far inside the image points (n, 3) are, negative outside, shape (n,) [px]."""
+        """Distance of points (n, 3) to the image border, negative outside, shape (n,) [px]."""
         u, v = self.pixels(points_C)
         across = np.minimum(u, self.width - 1 - u)
         return np.asarray(np.minimum(across, np.minimum(v, self.height - 1 - v)))

@@ -1,4 +1,4 @@
-"""What a point cloud must be before a distance field is fitted to it."""
+"""Requirements on a point cloud before a distance field is fitted to it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def spread_across(cloud: Array) -> float:
 
 
 def checked_cloud(points: ArrayLike) -> Array:
-    """A copy of the cloud as float64 (n, 3), or a PointCloudError that says what is wrong."""
+    """A copy of the cloud as float64 (n, 3); raises PointCloudError for an invalid one."""
     cloud = np.array(points, dtype=float, order="C")
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise PointCloudError(f"point cloud has shape {cloud.shape}; give (n, 3) in metres")

@@ -1,4 +1,4 @@
-"""What a stereo depth camera makes of a perfect depth image.
+"""Noise model of a stereo depth camera: disparity noise, quantization, dropouts at edges.
 
 A camera like the RealSense D435 measures the disparity ``delta = f B / z`` between its two images;
 what goes wrong, goes wrong in disparity:
@@ -101,7 +101,7 @@ class DepthNoise:
 
     @checked(CameraError)
     def axial(self, focal_length: Positive) -> float:
-        """What times z^2 is the standard deviation of a depth z [1/m], see above.
+        """Coefficient of z^2 in the standard deviation of a depth z [1/m], see above.
 
         Args:
             focal_length: f [px].
@@ -235,8 +235,8 @@ def _smear_kernel(inverse, threshold, partner, edge):
     Args:
         inverse: Inverse depths.
         threshold: As in `_edges_kernel`.
-        partner: Partners so far.
-        edge: Edges so far.
+        partner: Partners up to here.
+        edge: Edges up to here.
 
     Returns:
         Both anew.

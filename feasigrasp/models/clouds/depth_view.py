@@ -1,4 +1,4 @@
-"""One view of a depth camera, to ask what it looked through."""
+"""One depth image as a test of free space along the camera's rays."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from feasigrasp.models.clouds.camera import project
 #: A depth z is reckoned to err by this times z^2 at most [1/m]: nearly three standard deviations of
 #: a D435 whose images are 424 pixels wide.
 DEPTH_ERROR = 0.02
-#: A known point this much nearer than what is seen there is no longer there [m].
+#: A known point this much nearer than the measured depth is no longer there [m].
 _GONE = 0.03
-#: Every so many pixels, along each side, tell the camera's intrinsics.
+#: Every so many pixels, along each side, fit the camera's intrinsics.
 _STRIDE = 4
 #: Fewer pixels, or a smaller spread of their directions, do not.
 _MIN_PIXELS, _MIN_SPREAD = 20, 0.02
@@ -24,7 +24,7 @@ _MIN_PIXELS, _MIN_SPREAD = 20, 0.02
 
 @dataclass(frozen=True, eq=False)
 class DepthView(Frozen):
-    """How far a camera saw in each direction.
+    """Depth image of a camera with its pose.
 
     Attributes:
         depth: Least depth among each pixel and its neighbours, shape (h, w) [m]: at an edge it is
@@ -49,7 +49,7 @@ class DepthView(Frozen):
         """
         X_WC = np.array(X_WC, dtype=float)
         offset = points.reshape(3, -1) - X_WC[:3, 3:]
-        with np.errstate(invalid="ignore"):  # infinity times zero, where nothing was seen
+        with np.errstate(invalid="ignore"):  # infinity times zero, where nothing was measured
             x, y, z = (X_WC[:3, :3].T @ offset).reshape(points.shape)
         valid = np.isfinite(z) & (z > 0.0)
         rows, columns = np.nonzero(valid[::_STRIDE, ::_STRIDE])
@@ -66,7 +66,7 @@ class DepthView(Frozen):
         return cls(depth, X_WC, (float(fx), float(fy), float(cx), float(cy)))
 
     def looks_through(self, points: Array) -> Mask:
-        """Which points (n, 3) in W the camera sees something behind, shape (n,)."""
+        """Mask of points (n, 3) in W with measured depth behind them, shape (n,)."""
         points_C = (points - self.X_WC[:3, 3]) @ self.X_WC[:3, :3]
         z, (column, row) = points_C[:, 2], map(np.rint, project(points_C, self.pinhole))
         height, width = self.depth.shape

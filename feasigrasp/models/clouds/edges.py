@@ -1,4 +1,4 @@
-"""Edges of what a camera sees: where depth and label are a guess, and where an object may go on.
+"""Depth discontinuities: pixels with mixed depth, and borders where an object may continue.
 
 What a view shows nothing of is not all free space: depths are lost on steep and dark surfaces, what
 is too near is not measured, something may be before the object, and the picture ends.
@@ -49,7 +49,7 @@ def edge_pixels(
         (np.s_[:-1, :], np.s_[1:, :]),
         (np.s_[:, :-1], np.s_[:, 1:]),
     ):
-        with np.errstate(invalid="ignore"):  # infinity minus infinity, where nothing was seen
+        with np.errstate(invalid="ignore"):  # infinity minus infinity, where nothing was measured
             square = np.square(points[:, *next_] - points[:, *one]).sum(axis=0)
         apart = seen[one] & seen[next_] & (square > jump**2)
         edge[one] |= apart | ~(seen[next_] | of_body[next_])
@@ -64,7 +64,7 @@ def grown_mask(points: NDArray[np.floating], mask: Mask, free: Mask, jump: float
     object's rim is mended, and one that lies on a wall does not become the wall.
 
     Args:
-        points: Points by pixel, not finite where nothing was seen, shape (3, h, w) [m].
+        points: Points by pixel, not finite where nothing was measured, shape (3, h, w) [m].
         mask: Pixels that are taken for the object, shape (h, w).
         free: Pixels that are not known to show anything else, shape (h, w).
         jump: See `edge_pixels` [m].
@@ -81,7 +81,7 @@ def grown_mask(points: NDArray[np.floating], mask: Mask, free: Mask, jump: float
 
 @dataclass(frozen=True, eq=False)
 class Outline(Frozen):
-    """What a view leaves open.
+    """Borders of a view beyond which the object may continue.
 
     Attributes:
         unmeasured: Lines of sight to parts of it without a point, shape (n, 3), of any length, in
@@ -100,7 +100,7 @@ class Outline(Frozen):
             self._freeze(**{name: np.array(getattr(self, name), dtype=float).reshape(-1, 3)})
 
     def turned(self, R: Array) -> Outline:
-        """The same in other axes, after a rotation R (3, 3)."""
+        """The outline in other axes, after a rotation R (3, 3)."""
         return Outline(self.unmeasured @ R.T, self.hidden @ R.T, self.whole)
 
 

@@ -1,4 +1,4 @@
-"""Point clouds of real sensors: reading them, and finding out that they are not what they seem."""
+"""Reads point clouds from files and rejects implausible ones."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.checks import MAX_EXTENT, MIN_POINTS
 from feasigrasp.models.quantities import POINTS
 
-#: File formats that `read_cloud` knows.
+#: File formats that `read_cloud` reads.
 SUFFIXES = (".ply", ".pcd", ".xyz", ".npy", ".npz")
 #: NumPy's letters of the types of fields in ``.pcd`` files.
 _PCD_KINDS = {"F": "f", "I": "i", "U": "u"}
@@ -165,7 +165,7 @@ def prepare_cloud(
     viewpoint: Sequence[float] | None = (0.0, 0.0, 0.0),
     scene: bool = False,
 ) -> Array:
-    """Brings a cloud to metres and cuts the object out, or says what is wrong with it.
+    """Converts a cloud to meters and segments the object, or raises an error.
 
     Args:
         points: Shape (n, 3), in any unit.

@@ -1,4 +1,4 @@
-"""Space that the camera has looked through: beside the silhouette and before the seen surface."""
+"""Free space by silhouette carving: rays beside the silhouette and before the surface."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.points import farthest_points
 
 #: The points of a view miss the true edge by about this many pixels of the camera: edge pixels are
-#: dropped, and so is what is seen at a grazing angle.
+#: dropped, and so are pixels at a grazing angle.
 EDGE_PIXELS = 1.0
 #: Depths of the nodes behind the rim of the silhouette, as a share of the object's width.
 RIM_DEPTHS = (0.0, 0.4)
 
 
 def free_distance(views: Sequence[ViewImage], x: Array) -> Array:
-    """How deep points lie in space known to be free: a lower bound of their distance to the object.
+    """Depth of points inside observed free space: a lower bound of their distance to the object.
 
     Beside the silhouette that is the distance to its rim, if it is whole, in front of the seen
     surface the depth to it; of several views the largest counts.

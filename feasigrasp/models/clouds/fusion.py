@@ -1,4 +1,4 @@
-"""Merging of views in the object frame: a turning object completes its own cloud.
+"""Fusion of depth views in the object frame into one cloud of surfels.
 
 Reference: Keller et al., "Real-time 3D reconstruction in dynamic scenes using point-based fusion",
 3DV 2013.
@@ -46,7 +46,7 @@ _BESIDE, _APART_SIGMAS, _APART, _SAME_SIDE = 0.75, 6.0, 0.01, 0.3
 
 @dataclass(frozen=True, eq=False)
 class FusedCloud(Frozen):
-    """Surface points seen so far, one per voxel, with the direction they were seen from.
+    """Observed surface points, one per voxel, with viewing directions.
 
     Attributes:
         points: In the object frame O, shape (n, 3) [m].
@@ -54,7 +54,7 @@ class FusedCloud(Frozen):
         voxel_size: Edge length of a voxel [m].
         views: Number of views merged.
         smooth: Whether every view is smoothed and registered before it is merged. If so, a point
-            that a view shows again is moved along its normal, as far as the view is the surer one
+            that a view shows again is moved along its normal, in proportion to the view's certainty
             (surfels); the two sides of a thin wall, which face opposite ways, stay apart.
         normals: Outward unit normals, shape (n, 3); empty (0, 3) unless ``smooth``.
         weights: How sure each point is, shape (n,): inverse variance [1/m^2] if ``smooth``, else
@@ -86,7 +86,7 @@ class FusedCloud(Frozen):
     @classmethod
     @checked(PointCloudError)
     def empty(cls, voxel_size: Positive, smooth: bool = False) -> FusedCloud:
-        """Nothing seen yet."""
+        """A cloud without points."""
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), voxel_size, smooth=smooth)
 
     @checked(PointCloudError)
@@ -96,7 +96,7 @@ class FusedCloud(Frozen):
         p_OC: Annotated[ArrayLike, POINT],
         outline: Outline | None = None,
     ) -> float:
-        """How much a view contradicts the earlier ones, if the object's pose is right.
+        """Share of a view that contradicts earlier views, for a correct object pose.
 
         Args:
             points: Its surface points in O, shape (m, 3) [m].
@@ -128,7 +128,7 @@ class FusedCloud(Frozen):
     ) -> FusedCloud:
         """Adds one view.
 
-        A smoothed view is first registered to what was seen before. Every view has the same
+        A smoothed view is first registered to the earlier views. Every view has the same
         tracking error, so the correction is shared: the view moves by all but 1/(views + 1) of it,
         everything before by the rest, and the cloud settles at the mean of the tracked poses.
 
@@ -297,7 +297,7 @@ def _seen_through(image: ViewImage, points: Array) -> float:
 
 
 def _agreeing(image: ViewImage, points: Array) -> ViewImage | None:
-    """What a picture shows that leaves room for what was seen; None if that is nothing.
+    """The part of a view that contradicts no earlier one; None if empty.
 
     Where a hand hides a part of the object, or the picture ends, the silhouette is not the
     object's; then points that other views have shown lie in what looks like free space beside it.

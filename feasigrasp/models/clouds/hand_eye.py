@@ -1,4 +1,4 @@
-"""A camera that is not quite where it is believed to be."""
+"""Error model of the hand-eye calibration."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from feasigrasp.models.keys import key
 
 @dataclass(frozen=True)
 class HandEyeError:
-    """What calibration leaves over: a constant error of the camera's pose, in its own frame.
+    """Residual error of the hand-eye calibration: a constant pose error in the camera frame.
 
     Attributes:
         hand_eye_position: How far off its place is [m].
@@ -35,7 +35,7 @@ class HandEyeError:
                 raise CameraError(f"HandEyeError.{name} = {value}; give 0 or more")
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """The believed pose in the frame of the true camera, X_CB, (4, 4).
+        """The calibrated pose in the frame of the true camera, X_CB, (4, 4).
 
         Args:
             rng: Draws the directions of both errors; the sizes are what they are.

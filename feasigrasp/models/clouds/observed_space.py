@@ -1,10 +1,10 @@
-"""A map of seen space: which voxels a camera has looked through, and what may hide beside the rest.
+"""Voxel map of observed free space, and of unobserved space behind surfaces.
 
 Space in front of what a pixel shows is free; behind it, and outside the picture, nothing is known.
 What was never seen need not be free: a wall goes on where the picture ends, and has a back. So
 unknown voxels that may belong to a seen surface are kept clear of until they are seen: those
 *behind* it, and those that continue it *beside* its rim, in its own plane. Unknown space in front
-of a surface, or far from any, holds up nobody; an arm must be able to move where it cannot look.
+of a surface, or far from any, holds up no arm, which must be able to move where it cannot look.
 
 A truncated distance field, as libraries have it, keeps voxels near surfaces alone; what counts here
 is the free space in between, on the lattice on which distances to obstacles are kept anyway.
@@ -29,7 +29,7 @@ SCENE_VOXEL = 0.025
 #: A surface goes on beside its rim for so long: as wide as a link of the arm and the distance that
 #: it keeps, so that none fits into what is left out between rim and unknown edge [m].
 BESIDE = 0.2
-#: What was seen from one side is at most so thick, or hides no more than that [m].
+#: A body observed from one side is at most so thick, or hides no more than that [m].
 BEHIND = 0.1
 #: A voxel that so many points of one view fall into, though it had been seen to be free, holds
 #: something that has come since. Fewer may be noise.
@@ -38,7 +38,7 @@ _COME = 4
 
 @dataclass(frozen=True, eq=False)
 class ObservedSpace(Frozen):
-    """Which voxels of a box have been seen to be free; changes with each view.
+    """Observed free voxels of a box; changes with each view.
 
     Attributes:
         free: By voxel, shape (nx, ny, nz).
@@ -56,7 +56,7 @@ class ObservedSpace(Frozen):
 
     @classmethod
     def unknown(cls, low: Array, size: Array, voxel_size: float = SCENE_VOXEL) -> ObservedSpace:
-        """Nothing seen yet of the box from ``low`` (3,) on that is ``size`` (3,) large [m]."""
+        """An unobserved box from ``low`` (3,) on, ``size`` (3,) large [m]."""
         shape = tuple((np.ceil(np.asarray(size) / voxel_size).astype(int) + 1).tolist())
         return cls(np.zeros(shape, dtype=bool), low, voxel_size)
 
@@ -92,7 +92,7 @@ class ObservedSpace(Frozen):
         return ObservedSpace(free, self.low, self.voxel_size)
 
     def hidden(self, points: Array, directions: Array) -> Array:
-        """Middles of the voxels that were never seen and may belong to seen surfaces.
+        """Centers of unobserved voxels that may belong to observed surfaces.
 
         They are connected to the surface through others. Each is behind it or beside its rim, as
         the point and the normal say from which it was come to.

@@ -1,4 +1,4 @@
-"""Points that are not of the object: outliers, flying pixels, reflections.
+"""Removal of outliers, flying pixels and reflections from a cloud.
 
 A camera's points lie on a surface, about as close together as its pixels are. What floats before
 or behind it has no neighbours so near, or few of its kind. "So near" is a multiple of the median
@@ -7,7 +7,7 @@ takes mean and standard deviation, which the bad points move to where they pass 
 
 How strict the limit is depends on the cloud: one without points far off has few close by, and where
 a surface is seen at a grazing angle its points are sparse too. Where the limit is strict, such a
-surface is told by the picture: there its points are as dense as others, and their depths continue
+surface is visible in the image: there its points are as dense as others, and their depths continue
 those of their neighbours.
 """
 
@@ -30,8 +30,8 @@ LINKS = 8
 FAR = 5.0
 #: If more points than this share are far off, those are dropped that are beyond so many times it.
 CONTAMINATED, NEAR = 0.02, 2.5
-#: Fewer points than this that hang together are no surface, and more than so far from the largest
-#: group they are of something else [m].
+#: Fewer points than this that hang together are no surface, and more than this distance from the
+#: largest group they are of something else [m].
 MIN_GROUP, ELSEWHERE = 8, 0.05
 #: Neighbours in the picture, and the multiples of their usual distance and of the spread of their
 #: depths within which a point continues them.
@@ -41,14 +41,14 @@ _DEPTH_NOISE = 1e-3
 
 
 def outliers(points: Array, p_OC: ArrayLike | None = None) -> Mask:
-    """Which points of one view, or of merged views, are not of the object.
+    """Mask of outliers in one view, or in merged views.
 
     Args:
         points: Finite points of one object, shape (n, 3) [m].
         p_OC: Position of the camera in the same frame, shape (3,) [m]; None for merged views.
 
     Returns:
-        Shape (n,); none if there are too few points to tell.
+        Shape (n,); none if there are too few points for a decision.
     """
     n = len(points)
     if n <= LINKS:

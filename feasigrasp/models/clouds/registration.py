@@ -1,4 +1,4 @@
-"""Corrects the tracked pose of one view by the surface that earlier views have shown."""
+"""Point-to-plane registration of one view to the merged views (Chen and Medioni 1992)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The surface that one noisy depth view shows: smoothed points with normals.
+"""Smoothing of one depth view: local plane fits give points with normals.
 
 A depth camera errs along its rays. So around every point the depth towards the camera is fitted as
 a quadratic function of the position across the line of sight (moving least squares; a plane

@@ -1,4 +1,4 @@
-"""The largest plane of a cloud, and whether that is a table with something on it."""
+"""Detection of the dominant plane of a cloud, and of a table with an object on it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of a view can be used, and why one cannot."""
+"""Selection of the usable points of a view, with the reason for a rejection."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from feasigrasp.models.clouds.outliers import outliers
 
 #: A view of which less remains without its outliers shows no object.
 _LEAST_KEPT = 0.5
-#: So far beyond what was seen before an object does not reach [m]; points that do show that the
+#: Largest extent of an object beyond the observed surface [m]; points that do show that the
 #: mask is wrong, unless all of them do and could be the object: then it is elsewhere.
 _BEYOND, _LIKE_THE_OBJECT = 0.1, 1.5
 #: Depths that differ less all over an object are not measured: a camera's noise is larger [m].

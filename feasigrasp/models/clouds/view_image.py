@@ -1,4 +1,4 @@
-"""One view of an object as a small picture: silhouette and depth, from its points alone.
+"""Silhouette and depth image of one view, rendered from its points.
 
 The picture is that of a virtual camera at the real one's position, which looks at the middle of
 the points and just contains them. So it needs neither the real camera's intrinsics nor its
@@ -63,7 +63,7 @@ class ViewImage:
 
     @cached_property
     def reliable(self) -> ViewImage:
-        """The same, but nothing is said to be free where the object may have been."""
+        """The view without free space where the object may have been."""
         return replace(self, whole=self.whole and self.ends, careful=True)
 
     @cached_property
@@ -81,11 +81,11 @@ class ViewImage:
         return found
 
     def in_camera(self, x: Array) -> Array:
-        """Points (n, 3) given in O as seen from the camera."""
+        """Points (n, 3) given in O, in the camera frame."""
         return np.asarray((x - self.X_OC[:3, 3]) @ self.X_OC[:3, :3])
 
     def project(self, x: Array) -> tuple[Indices, Indices, Array, Mask]:
-        """Where points (n, 3) given in O are in the picture.
+        """Pixel coordinates of points (n, 3) given in O.
 
         Returns:
             Row and column, at the border for those outside; depth along z [m]; and which are in the
@@ -99,7 +99,7 @@ class ViewImage:
         return np.clip(row, 0, SIDE - 1), np.clip(column, 0, SIDE - 1), z, inside
 
     def moved(self, X: Array) -> ViewImage:
-        """The same view after a rigid motion X of object and camera, shape (4, 4)."""
+        """The view after a rigid motion X of object and camera, shape (4, 4)."""
         return replace(self, X_OC=X @ self.X_OC)
 
     def rays(self) -> Array:
@@ -124,7 +124,7 @@ def view_image(points: Array, p_OC: Array, outline: Outline | None = None) -> Vi
     """
     R = _looking_along(points.mean(axis=0) - p_OC)
     at = _projected(points, p_OC, R)[0]
-    # Turned once more, onto the middle of what is seen.
+    # Turned once more, onto the center of the visible points.
     middle = 0.5 * (at.min(axis=0) + at.max(axis=0))
     R = _looking_along(R @ np.append(middle, 1.0))
     at, depth_of = _projected(points, p_OC, R)

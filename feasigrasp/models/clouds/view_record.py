@@ -1,4 +1,4 @@
-"""From where an object has been seen, and whether another look from there would tell more."""
+"""Record of viewing directions, and the information value of another view."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The names of controllers and of their modes."""
+"""Names of controllers and of control modes."""
 
 from enum import StrEnum
 
@@ -9,17 +9,17 @@ SAFE = "safe"
 
 
 class ControlSpace(StrEnum):
-    """Where a controller follows grasps: as poses of the hand, or as configurations of the arm."""
+    """Space of a controller: hand poses or joint configurations."""
 
     TASK = "task"
     JOINT = "joint"
 
 
 def controller_names() -> list[str]:
-    """What ``control.controller`` may be: our controllers, and those that packages add."""
+    """Valid values of ``control.controller``, plugins included."""
     return [*ControlSpace, *plugins("controllers")]
 
 
 def mode_names() -> list[str]:
-    """What ``control.mode`` may be: ours, and those that packages add."""
+    """Valid values of ``control.mode``, plugins included."""
     return [SAFE, *plugins("modes")]

@@ -1,4 +1,4 @@
-"""What the arm is doing at present, and why nothing happens if nothing does."""
+"""Status of a run: the activity of the arm, or the reason for standing still."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ STILL = 0.02
 HELD_UP = 0.04
 #: A hand this far from every grasp has not arrived [m].
 ARRIVED = 0.015
-#: An object that has moved or turned so far in the hand since it was let go slips [m], [rad].
+#: An object that has moved or turned this much in the hand since it was let go slips [m], [rad].
 SLIPPED, TURNED = 0.006, np.deg2rad(8.0)
 
 
 class StatusCode(StrEnum):
-    """What is going on; the first that applies, in this order."""
+    """Status codes; the first that applies, in this order."""
 
     COMMAND_FAULTY = "command_faulty"
     SLIPPING = "slipping"
@@ -63,7 +63,7 @@ class Status(Frozen):
 
 @dataclass(frozen=True)
 class Situation:
-    """What a status is judged by.
+    """Quantities that determine the status.
 
     Attributes:
         phase: What the gripper is doing.
@@ -74,7 +74,7 @@ class Situation:
         lapsed: Whether the process that perceives is gone.
         seen: Whether there is a field of the object.
         views_dropped: Why views of late could not be used, if any were dropped; else empty.
-        grasps: How many grasps there are on what was seen.
+        grasps: Number of grasps on the observed surface.
         rejected: Why candidates are none, by reason.
         reachable: How many of them are in reach.
         verdicts: Why the others are not, by reason.

@@ -1,1 +1,1 @@
-"""What can go wrong while a run goes on: cameras, masks, poses, the object, the command."""
+"""Fault models: cameras, masks, poses, the object, the command."""

@@ -1,4 +1,4 @@
-"""Faults between the camera and the arm that are of our own making: late fields, bad commands."""
+"""Faults of computation: delayed distance fields and wrong commands."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from feasigrasp.models.faults.fault import Fault, number
 
 @dataclass
 class PerceptionLate(Fault):
-    """What was perceived comes late, beside ``perception.latency``.
+    """Perception with a delay beyond ``perception.latency``.
 
     Attributes:
         delay: How late [s].
@@ -24,7 +24,7 @@ class CommandFault(Fault):
     """A fault of the velocity that the controller commands; derive from it."""
 
     def command(self, qd: Array, rng: np.random.Generator) -> Array:
-        """What is sent instead of ``qd`` [rad/s], shape (7,)."""
+        """The faulty command in place of ``qd`` [rad/s], shape (7,)."""
         raise NotImplementedError
 
 
@@ -39,7 +39,7 @@ class CommandNan(CommandFault):
 
 @dataclass
 class CommandWild(CommandFault):
-    """Every joint is told to turn absurdly fast, this way or that, at every tick anew.
+    """Random joint velocities far beyond the limits, drawn at every tick.
 
     Attributes:
         speed: How fast [rad/s].

@@ -1,4 +1,4 @@
-"""What all faults have in common: when they last, and which values they may have."""
+"""Base class of fault models: active interval and value ranges."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Faults of the camera and of the mask that says which pixels show the object."""
+"""Faults of depth images and object masks."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,10 +11,10 @@ from feasigrasp.models.faults.fault import Fault, number
 
 
 class View(NamedTuple):
-    """What a depth camera measures.
+    """One measurement of a depth camera.
 
     Attributes:
-        points: One per pixel, in the world [m], not finite where nothing is seen, shape (3, n).
+        points: One per pixel, in the world [m], not finite where nothing is measured, shape (3, n).
         of_object: Which of them are on the object, shape (n,).
         p_WC: Where the camera is, shape (3,).
         axis: Where it looks, a unit vector in the world, shape (3,).
@@ -51,7 +51,7 @@ class CameraGone(CloudFault):
 
 @dataclass
 class CameraBlack(CloudFault):
-    """Every depth is zero, and nobody takes that for missing: all points are in the camera."""
+    """Zero depth in every pixel, as valid measurements: all points are in the camera."""
 
     def seen(self, view: View, rng: np.random.Generator) -> Array:
         """The camera's own place, in every pixel."""

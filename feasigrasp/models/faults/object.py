@@ -1,4 +1,4 @@
-"""What the object does of its own: its pace, its place, and a pull at it."""
+"""Disturbances of the object: change of speed, jump, external force."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ class ObjectPace(ObjectFault):
     factor: float = number(0.0, -20.0, 20.0)
 
     def own_time(self, t: float) -> tuple[float, float, float]:
-        """What is added to the time along the path at time t [s], its rate and the rate's rate."""
+        """Offset of the path time at time t [s], and its first two derivatives."""
         changes, over = self.changes(t)
         added, rate, change = over * self.duration if over else 0.0, 0.0, 0.0
         for elapsed, sign in changes:
@@ -75,7 +75,7 @@ class ObjectMoved(ObjectFault):
     ramp: float = number(1.5, 0.01, 100.0)
 
     def share(self, t: float) -> tuple[float, float, float]:
-        """How much of the way it has gone at time t, from 0 to 1, and two derivatives by time."""
+        """Share of the displacement at time t, from 0 to 1, and its first two derivatives."""
         share = rate = change = 0.0
         for elapsed, sign in self.changes(t)[0]:
             s = min(elapsed / self.ramp, 1.0)
@@ -87,7 +87,7 @@ class ObjectMoved(ObjectFault):
 
 @dataclass
 class ObjectPulled(Fault):
-    """A force pulls at the object, once nothing carries it any more.
+    """External force on the object after its release.
 
     Attributes:
         force: In the world, at the object's origin [N].

@@ -1,4 +1,4 @@
-"""Faults of the measured pose, before the tracker gets it."""
+"""Faults of the measured object pose."""
 
 import math
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ class PoseFault(Fault):
     """A fault of the measured pose; derive from it."""
 
     def depth(self, period: float) -> int:
-        """How many earlier measurements, ``period`` [s] apart, must be remembered."""
+        """Number of earlier measurements, ``period`` [s] apart, that the fault needs."""
         return 1
 
     def remembered(self, t: float, past: Array, X_WO: Array) -> Array:
-        """What is remembered after a measurement at time t, newest first, shape (k, 4, 4)."""
+        """Stored measurements after one at time t, newest first, shape (k, 4, 4)."""
         return np.concatenate([X_WO[None], past[:-1]])
 
     def measured(self, X_WO: Array, past: Array, rng: np.random.Generator) -> Array:
-        """What is measured while the fault is there.
+        """The faulty measurement.
 
         Args:
             X_WO: The pose that would have been measured, shape (4, 4).
@@ -49,7 +49,7 @@ class PoseFrozen(PoseFault):
 
 @dataclass
 class PoseJump(PoseFault):
-    """The measured pose is somewhere else.
+    """A constant offset of the measured pose.
 
     Attributes:
         by: How far off, in the world [m].
@@ -81,7 +81,7 @@ class PoseNan(PoseFault):
 
 @dataclass
 class PoseLate(PoseFault):
-    """Poses are old and noisy, and the tracker is not told.
+    """Delayed and noisy poses, without a change of the tracker's noise model.
 
     What is always so, and known, belongs into the scenario's ``tracker``: ``latency``,
     ``position_noise`` and ``rotation_noise``.
@@ -97,7 +97,7 @@ class PoseLate(PoseFault):
     rotation_noise_deg: float = number(3.0, 0.0, 180.0)
 
     def depth(self, period: float) -> int:
-        """As many as the delay has periods."""
+        """Number of periods in the delay."""
         return max(1, round(self.delay / period))
 
     def measured(self, X_WO: Array, past: Array, rng: np.random.Generator) -> Array:

@@ -1,4 +1,4 @@
-"""Signed distances on a regular grid: trilinear look-up at 0.1 us a point, with its gradient."""
+"""Signed distances on a regular grid, with trilinear interpolation and its gradient."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class ObstacleGrid(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class MovingObject:
-    """An object that the hand keeps off while it moves.
+    """A moving object as an obstacle, with extra clearance.
 
     Attributes:
         grid: Distances to its surface, in the object's frame O.

@@ -1,4 +1,4 @@
-"""Points: evenly spread on a sphere, chosen to cover a cloud, and the distance to the nearest."""
+"""Point sets: spherical Fibonacci points, farthest-point sampling, nearest distances."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Rigid motions SE(3), one element at a time, for use inside other numba code.
+"""Exponential and logarithm of SE(3) for single elements, for compiled code.
 
 The conventions are those of :mod:`feasigrasp.models.geometry.se3`, which maps these kernels over
 arrays. Closed forms are written in the Stumpff functions ``c_k(t) = sum_j (-t)^j / (2 j + k)!`` of

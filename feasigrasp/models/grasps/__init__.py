@@ -1,4 +1,4 @@
-"""Grasps: proposing, filtering, scoring, following through."""
+"""Grasps: sampling, filtering, scoring, execution."""
 
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.filter import filter_grasps

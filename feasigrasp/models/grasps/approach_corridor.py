@@ -1,4 +1,4 @@
-"""The way into a grasp: along the approach direction, so that open fingers straddle the object.
+"""Approach corridor: pre-grasp distance as a function of lateral and angular error.
 
 A straight line to the grasp would sweep a finger through the object. Instead the hand follows the
 grasp pose pulled back along its approach direction, by an amount that shrinks with the sideways and
@@ -16,7 +16,7 @@ from feasigrasp.models.compiled import compiled
 
 
 class ApproachCorridor(NamedTuple):
-    """Shape of the funnel.
+    """Shape of the approach corridor.
 
     Attributes:
         max_standoff: Longest distance pulled back [m].
@@ -41,7 +41,7 @@ class ApproachCorridor(NamedTuple):
 
     @property
     def parameters(self) -> ApproachCorridor:
-        """The same in floats: with integers among them the kernels would be compiled anew."""
+        """The shape in floats: integers would compile the kernels anew."""
         return ApproachCorridor(*map(float, self))
 
 
@@ -70,7 +70,7 @@ def _closing_axis_factor(X_OA, X_OB, share):
 
 @compiled
 def standoff_kernel(X_OG, X_OH, corridor):
-    """How far hand H must stay behind grasp G along its approach direction [m]."""
+    """Pre-grasp distance of hand H behind grasp G along its approach direction [m]."""
     px = py = 0.0
     for i in range(3):
         d = X_OH[i, 3] - X_OG[i, 3]

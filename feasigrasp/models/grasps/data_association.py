@@ -1,4 +1,4 @@
-"""Who is who in successive sets of grasps of one object.
+"""Data association of grasps between consecutive fields, by the Hungarian method (Kuhn 1955).
 
 Every new view gives a new distance field and new grasps, most of them the old ones moved by a
 millimetre. Whoever follows a grasp needs to know that, and the grasp should stay where it is: one
@@ -28,7 +28,7 @@ _NO_MATCH = 1e3
 
 @dataclass(frozen=True, eq=False)
 class GraspHistory(Frozen):
-    """The grasps of the latest field, with ids that say which of them were there before.
+    """Grasps of the latest field with ids that persist between fields.
 
     Attributes:
         gpdf: The field that the grasps belong to; None before the first.
@@ -87,7 +87,7 @@ class GraspHistory(Frozen):
 
 
 def associate_grasps(first: GraspSet, second: GraspSet) -> tuple[Indices, Indices]:
-    """Which grasps of two sets are the same, each of one with at most one of the other.
+    """Association of two grasp sets, one to one.
 
     The assignment of the least total distance within the tolerance of near copies; a grasp and its
     180-degree flip about z are the same.
@@ -107,7 +107,7 @@ def associate_grasps(first: GraspSet, second: GraspSet) -> tuple[Indices, Indice
 def recheck_grasps(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> GraspSet:
     """The grasps that pass the filter on another field, with their ids and new scores.
 
-    Of thin walls the field tells neither whether contacts oppose each other nor whether a finger
+    At thin walls the field decides neither whether contacts oppose each other nor whether a finger
     has room behind them (`filter_grasps`): there the score, a product of both probabilities, says
     what was known.
     """

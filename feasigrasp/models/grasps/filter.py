@@ -66,10 +66,10 @@ def filter_grasps(
         X_OG: Candidate grasp frames, shape (n, 4, 4).
         width: Distance between the contacts, shape (n,) [m].
         gripper: The hand; it approaches fully open.
-        prior: What a network tells, shape (n, 2): the probabilities that the contacts are good and
-            that the hand is free, the latter NaN where it has no opinion. They are weighed with
-            what the field tells; walls thinner than `THIN_WALL`, and hands that collide only with
-            surface that nobody has seen, are left to the network.
+        prior: Estimate of a network, shape (n, 2): the probabilities that the contacts are good and
+            that the hand is free, the latter NaN where it has no opinion. They are weighed with the
+            estimate of the field; walls thinner than `THIN_WALL`, and hands that collide only with
+            unobserved surface, are left to the network.
         margin: Least distance of the open hand from the surface, and of either pad on its side
             of the object [m]. Beside surface that was not seen it grows with the predicted error.
         cosine_steps: Largest cosine allowed between the contact normals, strictest first. A
@@ -155,7 +155,7 @@ def contacts(grasps: GraspSet) -> tuple[Array, Array]:
 
 
 def contact_cosine(gpdf: Gpdf, grasps: GraspSet) -> Array:
-    """How well the contacts oppose each other: -1 is a perfect antipodal pair, shape (n,).
+    """Cosine between the contact normals: -1 is a perfect antipodal pair, shape (n,).
 
     The worst (largest) of three cosines: between the two outward normals, and of either normal
     with the closing line. The latter two say whether both contacts lie in the friction cone.

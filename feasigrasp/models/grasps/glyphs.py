@@ -1,4 +1,4 @@
-"""Small shapes that stand for grasps and surface points in pictures."""
+"""Meshes for grasps and surface points in visualizations."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def frames_along(points: ArrayLike, normals: ArrayLike) -> Array:
 
 
 def place_copies(X_OG: ArrayLike, vertices: Array, faces: Indices) -> tuple[Array, Indices]:
-    """One mesh with a copy of a glyph in every frame.
+    """A mesh with one copy of a glyph per frame.
 
     Args:
         X_OG: Poses, shape (n, 4, 4) [m].

@@ -1,4 +1,4 @@
-"""The value that samplers, filters and controllers hand on: a set of parallel-jaw grasps."""
+"""A set of parallel-jaw grasps of one object, in the object frame."""
 
 from __future__ import annotations
 
@@ -57,15 +57,15 @@ class GraspSet(Frozen):
         score: Higher is better, in [0, 1], shape (n,).
         rejected: How many candidates each filter removed, by reason (`Rejection`, or a word of
             your own).
-        id: Who is who in successive sets of one object, shape (n,): a grasp keeps its number as
+        id: Identity in successive sets of one object, shape (n,): a grasp keeps its number as
             long as it is found again (see ``grasp_matching``). `UNKNOWN` for grasps that no earlier
             set was compared with; a grasp and its flip have the same number.
         load: What the pads would have to bear (see `feasigrasp.models.grasps.payload`); None if
-            nobody has told.
+            unrated.
         payload_score: How sure they are to bear it as the object is turned now, 1 and more for sure
-            (see `feasigrasp.models.grasps.payload`), shape (n,); None if nobody has told.
+            (see `feasigrasp.models.grasps.payload`), shape (n,); None if unrated.
         on_object: The ids of all grasps of the object, in reach at present or not, shape (m,); None
-            if nobody has told, as before it is asked what is in reach.
+            if unrated, as before the reachability filter.
     """
 
     X_OG: Annotated[Array, POSES]
@@ -105,7 +105,7 @@ class GraspSet(Frozen):
     @classmethod
     @checked(GraspError)
     def empty(cls, rejected: Mapping[str, Whole] | None = None) -> GraspSet:
-        """A set without grasps (nothing seen yet, or nothing survived the filters)."""
+        """A set without grasps."""
         return cls(np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0), rejected or {})
 
     def __len__(self) -> int:
@@ -132,7 +132,7 @@ class GraspSet(Frozen):
 
     @checked(GraspError)
     def counted(self, dropped: Mapping[str, Whole]) -> GraspSet:
-        """The same grasps with further candidates counted as rejected, by reason."""
+        """The grasps with further candidates counted as rejected, by reason."""
         counts = dict(self.rejected)
         for reason, number in dropped.items():
             if number:

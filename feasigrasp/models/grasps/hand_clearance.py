@@ -1,4 +1,4 @@
-"""Whether the open hand is free on a completed surface, and how surely."""
+"""Clearance of the open hand from a completed surface, with its probability."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from feasigrasp.models.shape.surface_error import INVENTED, MARGIN_GROWTH, surfa
 def scene_clear(
     scene: SceneField, X_WG: ArrayLike, gripper: ParallelGripper, margin: float = 0.005
 ) -> Mask:
-    """Which poses of the open hand keep clear of a scene.
+    """Mask of open-hand poses with clearance from a scene.
 
     Args:
         scene: The scene, in frame W.
@@ -44,12 +44,12 @@ def scene_clear(
     return np.asarray(~hits.reshape(points.shape[:2]).any(axis=1))
 
 
-def unseen_clear(
+def unobserved_clear(
     scene: SceneField, X_WG: ArrayLike, gripper: ParallelGripper, margin: float = 0.005
 ) -> Mask:
-    """Which keep clear of what was never seen and may belong to the scene; as `scene_clear`."""
+    """Mask of open-hand poses with clearance from unobserved space; as `scene_clear`."""
     points = _hand_points(X_WG, gripper)
-    distance = scene.unseen_distance(points.reshape(-1, 3), margin)
+    distance = scene.unobserved_distance(points.reshape(-1, 3), margin)
     return np.asarray((distance >= margin).reshape(points.shape[:2]).all(axis=1))
 
 
@@ -64,7 +64,7 @@ def _hand_points(X_WG: ArrayLike, gripper: ParallelGripper) -> Array:
 #: Least distance of the open hand from completed surface that was seen [m].
 MARGIN = 0.003
 #: In walls thinner than this the field's normals may point to either side [m]: there only a network
-#: can tell whether two contacts oppose each other.
+#: can decide whether two contacts oppose each other.
 THIN_WALL = 0.010
 #: A hand that collides with nothing but `INVENTED` surface stays, if a network finds it as likely
 #: as this that the grasp is good.
@@ -79,7 +79,7 @@ def hand_freedom(
     margin: float,
     enough: int,
 ) -> tuple[Mask, Array]:
-    """Which open hands are free, and how surely.
+    """Mask of collision-free open hands, with probabilities.
 
     Where a wall is thin, the field fills what it encloses; and what it closes a shape with, far
     from all that was seen, is a guess.
@@ -87,8 +87,8 @@ def hand_freedom(
     Args:
         gpdf: Distance field in frame O.
         grasps: n grasps; their scores are the probabilities of their contacts.
-        learned: Probability that the hand is free, as a network tells it, shape (n,); NaN where it
-            has no opinion.
+        learned: Probability that the hand is free, as a network estimates it, shape (n,); NaN where
+            it has no opinion.
         gripper: The hand.
         margin: Least distance from surface that was seen [m].
         enough: While fewer hands than this are free, what lies in known free space does not count.
@@ -116,7 +116,7 @@ def hand_freedom(
 def hand_clearance(
     gpdf: Gpdf, X_OG: ArrayLike, gripper: ParallelGripper, near: float = 0.0
 ) -> tuple[Array, Array]:
-    """How close the whole open hand comes to the surface, the worse way round.
+    """Clearance of the whole open hand from the surface, for the worse of both flips.
 
     Args:
         gpdf: Distance field in frame O.
@@ -141,7 +141,7 @@ def hand_clearance(
 def observed_clearance(
     gpdf: Gpdf, X_OG: Array, gripper: ParallelGripper, invented: float = np.inf
 ) -> Array:
-    """As the clearance of `hand_clearance`, but what lies in known free space counts as far.
+    """Clearance as in `hand_clearance`, but without surface in observed free space.
 
     The field fills bowls and cups; a finger may enter them where the camera has seen the inside.
 
@@ -149,7 +149,7 @@ def observed_clearance(
         gpdf: Distance field in frame O.
         X_OG: Grasp frames, shape (n, 4, 4).
         gripper: The hand.
-        invented: Surface farther from what was seen than this counts as far as well [m].
+        invented: Surface farther from observations than this counts as far as well [m].
 
     Returns:
         Shape (n,) [m], of raw distances, which are less than the true ones outside.

@@ -1,4 +1,4 @@
-"""Learned grasp sampler: what the equivariant network proposes, checked on the distance field."""
+"""Learned grasp sampler: proposals of the equivariant network, filtered by the distance field."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
 from feasigrasp.models.shape.surface_error import surface_deviation
 
-#: Poses X_OG (n, 4, 4), widths (n,) [m], and what the network tells: probabilities (n, 2) of the
+#: Poses X_OG (n, 4, 4), widths (n,) [m], and probabilities of the network (n, 2) of the
 #: contact and of a free hand, NaN where it does not.
 Candidates = tuple[Array, Array, Array]
 
-#: Least score by default: field and network together are surer than the field alone.
+#: Least score by default: field and network together are more certain than the field alone.
 LEAST_SCORE = 0.9
 #: Contacts that the network gives less than this are not looked at ...
 LEAST_CONTACT = 0.2
@@ -116,7 +116,7 @@ class NetworkSampler:
         return suppress_non_maxima(grasps, self.n_grasps, least_score=self.least_score)
 
     def _proposed(self, gpdf: Gpdf, surface: GraspInput, proposals: GraspProposals) -> Candidates:
-        """The likeliest contacts, spread over the object, put together with their approaches."""
+        """The most probable contacts, spread over the object, with their approach directions."""
         chosen = _choose(proposals.contact, surface.points, self.n_contacts)
         first = surface.points[chosen].astype(float)
         b = proposals.closing[chosen]
@@ -172,8 +172,9 @@ def _settled_width(
 def _straightened(gpdf: Gpdf, middle: Array, b: Array, width: Array) -> tuple[Array, Array, Array]:
     """Closing lines turned towards both normals, where that makes the contacts more opposed.
 
-    The network's direction is a few degrees off; between seen faces the field knows better. The
-    line turns about its middle to the mean of both inward normals and ends on the surface again.
+    The network's direction is a few degrees off; between observed faces the field is more accurate.
+    The line turns about its middle to the mean of both inward normals and ends on the surface
+    again.
 
     Args:
         gpdf: The field.

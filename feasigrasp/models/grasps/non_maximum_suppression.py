@@ -1,4 +1,4 @@
-"""Fewer grasps, as different as before: no near copies, and no long shots beside safe ones."""
+"""Non-maximum suppression and score filter for grasps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def suppress_non_maxima(
         grasps: Best first.
         count: Most grasps wanted.
         least_score: Grasps that score less are left out ...
-        enough: ... unless fewer than this many are left: then likely ones fill up, so far as there
+        enough: ... unless fewer than this many are left: then likely ones fill up, as far as there
             are any.
 
     Returns:
@@ -38,7 +38,7 @@ def suppress_non_maxima(
 
 
 def filter_by_score(grasps: GraspSet, least: float) -> GraspSet:
-    """The grasps whose score is so large a share of `EVEN` odds; others count as "uncertain"."""
+    """Grasps above a share of `EVEN` odds; others count as "uncertain"."""
     return grasps.select(np.flatnonzero(grasps.score >= least * EVEN), Rejection.UNCERTAIN)
 
 

@@ -1,4 +1,4 @@
-"""What the pads of grasps have to bear and can: the probability that a grasp carries its object.
+"""Load of the finger pads, and the probability that friction bears it.
 
 Weight that attacks beside the closing line turns the object about it, and nothing but the friction
 of the pads resists (`feasigrasp.models.grasps.payload`). About the other two axes they resist by
@@ -58,7 +58,7 @@ class PadLoad(Frozen):
         )
 
     def joined(self, other: PadLoad) -> PadLoad:
-        """These and others of the same object behind them."""
+        """Concatenation of two loads of the same object."""
         return replace(
             self,
             R_OG=np.concatenate([self.R_OG, other.R_OG]),
@@ -94,12 +94,12 @@ class PadLoad(Frozen):
         return np.asarray(np.linalg.norm(shares, axis=1))
 
     def probability(self, down: ArrayLike | None = None, best: float | None = None) -> Array:
-        """How likely the pads bear the object's weight and what the hand does to it, shape (n,).
+        """Probability that the pads bear weight and inertial load, shape (n,).
 
         Args:
             down: Direction of gravity in O, shape (3,); None for the worst one for each grasp.
             best: The object is no heavier than one of the grasps carries so likely; without it, as
-                heavy as it is believed to be.
+                heavy as estimated.
         """
         share = self.body.mass * self.per_kilogram(down)
         spread = np.hypot(self.body.spread, GRIP_SPREAD)

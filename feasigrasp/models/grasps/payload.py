@@ -1,4 +1,4 @@
-"""Grasps that carry: those whose pads bear the object's weight are kept, the others counted."""
+"""Payload filter: grasp wrench capacity of soft pads (Howe and Cutkosky 1996)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from feasigrasp.models.shape.mass import estimate_mass
 
 #: Cells that a pad is divided into along y and z of the grasp frame.
 CELLS = (5, 7)
-#: How finely a field tells the gap between pad and surface [m]: the pads are taken to be so
+#: How finely a field resolves the gap between pad and surface [m]: the pads are taken to be so
 #: soft that their force presses the whole pad in by this much; the simulated ones are harder.
 ROUGHNESS = 2e-4
 _STEPS = 2
@@ -35,7 +35,7 @@ _STEPS = 2
 
 @dataclass(frozen=True, eq=False)
 class Grip(Frozen):
-    """What the pads bear in n grasps.
+    """Grasp wrench capacity of n grasps.
 
     Attributes:
         force: Tangential force that both pads bear together, for a coefficient of friction of 1,
@@ -55,7 +55,7 @@ class Grip(Frozen):
 
 
 def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Grip:
-    """What the pads bear where they meet a completed surface.
+    """Grasp wrench capacity of pads on a completed surface (Johnson 1985, section 4.3).
 
     Args:
         gpdf: Distance field in frame O.
@@ -143,7 +143,7 @@ _HOPELESS = 0.2
 
 @dataclass(frozen=True, eq=False)
 class PayloadModel:
-    """What is known before anything is seen: the hand, perhaps the mass.
+    """Payload model: the hand, and the mass if given.
 
     Attributes:
         gripper: The hand.
@@ -162,7 +162,7 @@ class PayloadModel:
             raise GraspError(f"mass = {self.mass}: give kilograms, or None if it is not known")
 
     def with_loads(self, gpdf: Gpdf, grasps: GraspSet) -> GraspSet:
-        """The same grasps with what their pads would bear (`GraspSet.load`)."""
+        """The grasps with the loads of their pads (`GraspSet.load`)."""
         if len(grasps) == 0:
             return grasps
         grip = grip_of(gpdf, grasps, self.gripper)
@@ -178,7 +178,7 @@ class PayloadModel:
 
 
 def rated_by_payload(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
-    """The grasps with how sure they are to carry.
+    """The grasps with scores multiplied by their payload probability.
 
     Args:
         grasps: Grasps in O with their loads; without them they are returned as they are.
@@ -199,7 +199,7 @@ def rated_by_payload(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSe
 
 
 def payload_filtered(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
-    """The grasps that carry, as far as one can tell, for who does not know what is in reach.
+    """The grasps that bear the weight, without reachability.
 
     Arguments as for `rated_by_payload`. Those of its grasps stay that are sure, and without
     ``down`` all.
@@ -209,7 +209,7 @@ def payload_filtered(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSe
 
 
 def filter_by_payload(grasps: GraspSet, least: float) -> GraspSet:
-    """The grasps that are as sure to carry as that; all if nobody has told how sure they are."""
+    """Grasps above a payload score; all of an unrated set."""
     if grasps.payload_score is None:
         return grasps
     return grasps.select(np.flatnonzero(grasps.payload_score >= least), Rejection.TOO_HEAVY)

@@ -1,4 +1,4 @@
-"""From one cloud to grasps, without a robot: what was measured, completed, found, and why not."""
+"""Perception of one cloud: completed surface, grasps, and reasons of rejection."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
 
 @dataclass(frozen=True, eq=False)
 class Perception:
-    """What one cloud tells about an object.
+    """Completed surface and grasps of one cloud.
 
     Attributes:
         cloud: The cloud, one point per voxel, with directions to the camera.

@@ -24,7 +24,7 @@ from feasigrasp.plugins import load_plugin, plugins
 
 
 class SamplerName(StrEnum):
-    """Where grasps come from.
+    """Grasp samplers by name.
 
     ``network`` is the learned `NetworkSampler`, ``antipodal`` the model-free `AntipodalSampler`.
     Packages may add others (`feasigrasp.plugins`).
@@ -55,7 +55,7 @@ class Proposer(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Unfiltered:
-    """What a sampler proposes, as it comes: the paper's sampler without its post-filter.
+    """Unfiltered proposals of a sampler: the paper's sampler without its post-filter.
 
     A network's proposals are ranked by its own probabilities, others are all alike; near copies
     are left out.

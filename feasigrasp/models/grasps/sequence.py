@@ -1,4 +1,4 @@
-"""The phases of a grasp, and where the hand should go in each of them.
+"""State machine of a grasp: phases, conditions, and the target of the hand in each phase.
 
 approach -> close -> lift -> shake -> hold -> done; back to approach when the fingers close on
 nothing.
@@ -21,17 +21,17 @@ from feasigrasp.models.keys import key
 Path = Callable[[ArrayLike], Array]
 #: Over this time a predicted pose is differentiated [s].
 _STEP = 1e-3
-#: Fingers have stopped if the distance between them shrinks by less [m/s]; what is told of them so
-#: soon after they were told to close is from before they moved [s].
+#: Fingers have stopped if the distance between them shrinks by less [m/s]; what is reported of them
+#: so soon after the command to close is from before they moved [s].
 _STOPPED, _TAKE_OFF = 0.01, 0.2
 #: An object that is lifted has come to rest after this, 4/27 of it times its speed away [s].
 _BRAKING = 1.5
-#: Pose and twist of an object that nobody tracks.
+#: Pose and twist of an object without a tracker.
 _UNKNOWN = np.full((4, 4), np.nan), np.full(6, np.nan)
 
 
 class Phase(IntEnum):
-    """What the gripper is doing."""
+    """Phase of a grasp."""
 
     APPROACH = 0
     CLOSE = 1
@@ -43,7 +43,7 @@ class Phase(IntEnum):
 
 @dataclass
 class GraspSequenceConfig:
-    """When the gripper closes, and what happens then.
+    """Conditions and durations of the phases of a grasp.
 
     Attributes:
         close: Whether the gripper closes at all; if not, the arm follows for ever.
@@ -86,7 +86,7 @@ class GraspSequenceConfig:
     hold_time: float = key(2.0, 0.0, 600.0, "s")
 
     def at_speed(self, speed: float) -> "GraspSequenceConfig":
-        """The same of an arm that may use a share of its velocity limits only, in (0, 1].
+        """The configuration for an arm at a share of its velocity limits, in (0, 1].
 
         Lift and shaking take as much longer, so that they ask for the same share of what the arm
         may do, and a hand that gets nearer more slowly is given as much more time for it. The
@@ -108,7 +108,7 @@ class GraspSequenceConfig:
 
 @dataclass(frozen=True, eq=False)
 class GraspState(Frozen):
-    """Where in the sequence a grasp is.
+    """State of the grasp sequence.
 
     Attributes:
         phase: The present phase.
@@ -248,7 +248,7 @@ class GraspState(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class CommittedMotion(Frozen):
-    """Where an object will be that the hand has committed to: the targets of all phases to come.
+    """Planned motion of a committed object: targets of all phases to come.
 
     Fingers that close are taken to need ``closing_time``: an object that goes on longer than it
     does is no harm to a plan.
@@ -269,7 +269,7 @@ class CommittedMotion(Frozen):
         return True
 
     def predict(self, ahead: ArrayLike, v_WO: ArrayLike | None = None) -> Array:
-        """Poses (k, 4, 4) of the object so many seconds (k,) from now, whatever its velocity."""
+        """Poses (k, 4, 4) of the object at times (k,) [s] from now, independent of its velocity."""
         to_come, poses = self._to_come(), []
         for t in self.time + np.asarray(ahead, dtype=float).reshape(-1):
             state = next(state for end, state in to_come if t < end)
@@ -327,12 +327,12 @@ def _nearest(grasps: GraspSet, X_OH: Array, config: GraspSequenceConfig) -> tupl
 
 
 def pressing_since(before: float, t: float, elapsed: float, rate: float) -> float:
-    """Since when fingers that close have been pressing [s]; NaN until they have stopped once.
+    """Time since which closing fingers press [s]; NaN until their first stop.
 
     Args:
         before: The same a moment ago [s].
         t: Time [s].
-        elapsed: Time since they were told to close [s].
+        elapsed: Time since the command to close [s].
         rate: Rate of the distance between them [m/s].
     """
     if elapsed < _TAKE_OFF - 1e-9:

@@ -1,7 +1,7 @@
-"""How likely a grasp of a completed surface is a grasp of the true one.
+"""Calibrated success probability of grasps on a completed surface, by logistic regression.
 
 What the camera did not see was made up, so neither contacts nor clearances are certain. The
-probabilities here are logistic in what the distance field and a network tell, with coefficients
+probabilities here are logistic in features of the distance field and a network, with coefficients
 fitted to the verdicts of true meshes (`feasigrasp_lab.training.data.grasp_truth`) on objects that
 no training and no evaluation uses, by ``feasigrasp fit certainty``. Their product ranks grasps, and
 says how much is left to chance.
@@ -33,7 +33,7 @@ THIN_CONTACT = (1.88, 0.671, -471.242)
 CLEARANCE = (0.644, 0.898)
 #: The same by both witnesses, as `JOINT_CONTACT`.
 JOINT_CLEARANCE = (0.256, 0.375, 0.422)
-#: The same where the field knows nothing: constant, per log odds of a network.
+#: The same where the field has no data: constant, per log odds of a network.
 UNOBSERVED_CLEARANCE = (1.044, 0.201)
 #: The mean log odds of two probabilities.
 MEAN = (0.0, 0.5, 0.5)
@@ -43,7 +43,7 @@ FAR = 0.012
 
 
 def contact_evidence(gpdf: Gpdf, pairs: GraspSet) -> tuple[Array, Array]:
-    """What the field tells of contacts, as sums over both of them.
+    """Features of contacts from the field, summed over both contacts.
 
     Returns:
         Angle between closing line and surface normals, averaged over a patch round each contact,
@@ -72,7 +72,7 @@ def odds(p: Array) -> Array:
 
 
 def probability(coefficients: tuple[float, ...], *evidence: Array) -> Array:
-    """Logistic in pieces of evidence (n,): `CONTACT` and the others say in which."""
+    """Logistic regression on features (n,), with coefficients such as `CONTACT`."""
     constant, *slopes = coefficients
     x = constant + sum(slope * part for slope, part in zip(slopes, evidence, strict=True))
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0))))

@@ -1,4 +1,4 @@
-"""Exactly which arm angles of a flange pose respect the joint limits, branch by branch.
+"""Feasible arm-angle intervals of a flange pose, per IK branch (Shimizu et al. 2008).
 
 Sine and cosine of every joint angle are, up to a common positive factor,
 ``A sin(phi) + B cos(phi) + C`` of the elbow angle phi (`feasigrasp.models.ik.self_motion`). So is
@@ -53,7 +53,7 @@ class Segments(NamedTuple):
 
 @compiled
 def make_segments(margin):
-    """Room for the segments of one pose, ``margin`` [rad] inside the joint limits."""
+    """Scratch memory for the segments of one pose, ``margin`` [rad] inside the joint limits."""
     limit = np.minimum(IIWA_7.position_limits - margin, np.pi)
     start, branches = np.empty(_MAX_ZEROS + 1), np.empty(_MAX_ZEROS + 1, dtype=np.int64)
     return Segments(limit, np.sin(limit), np.cos(limit), np.empty((10, 3)), start, branches)

@@ -1,4 +1,4 @@
-"""Inverse kinematics of the iiwa 7 in closed form: all solutions, and the nearest ones in turn.
+"""Closed-form inverse kinematics of the iiwa 7 (Shimizu et al. 2008).
 
 For a flange pose and an arm angle there are eight configurations: the signs of the shoulder, elbow
 and wrist joints 2, 4 and 6 (see `feasigrasp.models.ik.self_motion` for the formulas and the

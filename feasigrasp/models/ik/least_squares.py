@@ -1,4 +1,4 @@
-"""Iterative inverse kinematics of the iiwa 7: damped least squares, for one pose or a batch.
+"""Damped least-squares inverse kinematics (Wampler 1986), for one pose or a batch.
 
 A step is ``dq = J^T (J J^T + lambda^2 I)^-1 e`` with the pose error e = [angular; linear] in the
 world (Nakamura and Hanafusa, "Inverse kinematic solutions with singularity robustness for robot

@@ -1,4 +1,4 @@
-"""Joint angles and travel times of one flange pose at many arm angles, side by side.
+"""Joint angles and travel times of one flange pose at a batch of arm angles.
 
 Both elbow branches of n arm angles are 2 n *lanes*. All loops run over lanes, without branches, so
 that the compiler vectorises them. The shoulder's sign decides joints 1 to 3 alone, the wrist's sign

@@ -1,4 +1,4 @@
-"""The circle on which the elbow of the iiwa 7 can be while the flange stays where it is.
+"""Self-motion manifold of the iiwa 7: the elbow circle at a fixed flange pose (Shimizu 2008).
 
 The three shoulder axes meet in S, the three wrist axes in C. For a flange pose the triangle S,
 elbow, C is rigid and turns about the line S-C; its angle is the arm's redundant degree of freedom
@@ -28,14 +28,14 @@ _BASE_SHOULDER, _SHOULDER_ELBOW, _ELBOW_WRIST, _WRIST_FLANGE = IIWA_7.lengths
 
 #: So much farther than the stretched arm [m] the wrist may be: rounding of a pose on the edge.
 REACH_TOLERANCE = 1e-12
-#: So far a pose's rotation matrix may be from a rotation, sum of deviations.
+#: Largest deviation of a pose's rotation matrix from a rotation, summed.
 ROTATION_TOLERANCE = 1e-4
 #: Below this sine of joint 2 or 6, the axes of the joints beside it count as parallel.
 SINGULAR = 1e-12
 
 
 class SelfMotion(NamedTuple):
-    """What all arm angles of a flange pose share; ``c_``, ``s_``: cosine and sine.
+    """Constants of the self-motion of a flange pose; ``c_``, ``s_``: cosine and sine.
 
     Attributes:
         reached: Whether the pose is one, and its wrist centre within reach; if not, nothing else

@@ -1,4 +1,4 @@
-"""Expectation maximisation on SE(3): the compiled half of ``fit_riemannian_mixture``.
+"""Expectation maximization on SE(3): the compiled part of ``fit_riemannian_mixture``.
 
 One fused pass over poses and components yields all that an M step needs: per component the sums
 of r, r v and r v v^T. Memory does not grow with n x K, so three million poses are no problem.
@@ -45,7 +45,7 @@ class Samples(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """When EM ends.
+    """Termination criteria of EM.
 
     Attributes:
         max_iterations: Bound on the number of E steps.

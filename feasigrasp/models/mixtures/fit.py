@@ -1,4 +1,4 @@
-"""Fits Riemannian mixtures: of a given size, of the best size, and anew after a small change."""
+"""Fits Riemannian mixtures by EM: fixed size, selected size, and warm start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Control-rate kernels of a Riemannian mixture: everything about one pose, for numba code."""
+"""Density and gradient of a Riemannian mixture at one pose, for compiled code."""
 
 import math
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Gaussian mixtures on SE(3), the paper's Riemannian mixture models: density and gradient.
+"""Riemannian mixture model: Gaussians in tangent spaces of SE(3) (Zeestraten et al. 2017).
 
 They are fitted by :mod:`feasigrasp.models.mixtures.fit`.
 """
@@ -138,7 +138,7 @@ class RiemannianMixture(Frozen):
 
 
 def bic(components: int, poses: int, log_likelihood: float) -> float:
-    """Bayesian information criterion of a mixture fitted to so many poses; lower is better.
+    """Bayesian information criterion of a fitted mixture (Schwarz 1978); lower is better.
 
     A component has 28 free parameters (weight, mean, covariance); the weights sum to one.
     """

@@ -1,4 +1,4 @@
-"""Elementary functions that compilers can vectorise: exponential, sine and cosine, arctangent.
+"""Vectorizable elementary functions: exponential, sine and cosine, arctangent.
 
 numba installs from PyPI without Intel's SVML, so ``math.exp``, ``math.sin`` and ``math.atan2`` stay
 scalar calls and keep the whole loop around them scalar. The functions below are plain arithmetic

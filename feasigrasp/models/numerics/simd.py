@@ -1,4 +1,4 @@
-"""Square roots and exponentials that keep compiled loops in wide vector registers.
+"""Square roots and exponentials for SIMD loops.
 
 Three things slow a numba loop over floating-point pairs down: the compiler's preference for
 256-bit registers on processors that have 512-bit ones, ``math.exp`` (a scalar call without Intel's
@@ -57,7 +57,7 @@ def _wide_vectors(typing_context: Any) -> Any:
 
 
 #: ``wide_vectors()`` asks the compiler for 512-bit registers in the function that calls it, where
-#: there are any. LLVM avoids them on Intel's servers of 2017 to 2022, whose clock used to drop with
+#: there are any. LLVM avoids them on Intel's servers of 2017 to 2022, whose clock drops with
 #: them; these loops still gain 1.6 times there. It has to stand in the function with the loop, and
 #: in whatever that is inlined into.
 wide_vectors: Any = intrinsic(_wide_vectors)

@@ -1,4 +1,4 @@
-"""Cholesky's method for matrices so small that calling LAPACK would cost more than the work."""
+"""Cholesky factorization of small matrices, without a call of LAPACK."""
 
 import math
 

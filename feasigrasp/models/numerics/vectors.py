@@ -1,4 +1,4 @@
-"""Vectors of three as tuples: compiled code keeps them in registers and vectorises over them."""
+"""Three-vectors as tuples, for compiled loops."""
 
 from feasigrasp.models.compiled import compiled, fused
 

@@ -1,4 +1,4 @@
-"""Objects: their meshes, motions, and where they will be."""
+"""Objects: meshes, motions, pose filter and prediction."""
 
 from feasigrasp.models.objects.motion import HarmonicMotion, ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object

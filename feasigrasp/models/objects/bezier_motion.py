@@ -1,4 +1,4 @@
-"""Motions of the object that no harmonic describes: Bezier curves with stops and turns."""
+"""Object motion along Bezier curves with stops and turns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The closed surfaces that a mesh consists of: bodies, cavities, and what is one object of them.
+"""Decomposition of a mesh into closed bodies and cavities, and their union.
 
 A *shell* is a connected closed surface. One inside another is the wall of a cavity; the others are
 bodies, and an object is one of them.

@@ -1,4 +1,4 @@
-"""What may be seen to carry an object: a hand that holds it from behind, a belt under it.
+"""Meshes of carriers: a hand that holds the object from behind, a belt below it.
 
 The frame C of a carrier has its origin in that of the object, O, and at the start the axes of the
 world W: x leads away from the arm, z up.
@@ -23,14 +23,14 @@ _BESIDE = 0.022
 _PALM, _FOREARM = (0.03, 0.08, 0.09), (0.30, 0.06, 0.06)
 #: A belt: its length and width, and how thick it is [m].
 _BELT = (0.20, 0.26, 0.01)
-#: A belt starts so far under what is on it [m].
+#: A belt starts this far below what is on it [m].
 _GAP = 0.001
 #: Points that stand for a surface.
 _POINTS = 6000
 
 
 class CarrierKind(StrEnum):
-    """What is seen to carry the object."""
+    """Kinds of carriers."""
 
     NONE = "none"
     HAND = "hand"

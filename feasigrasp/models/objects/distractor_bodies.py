@@ -1,4 +1,4 @@
-"""What is seen beside the object: what carries it, and another one. Nothing touches either."""
+"""Visible bodies without contact: the carrier of the object, and a distractor."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SKIN, _VIVID = (0.80, 0.58, 0.45), (0.9, 0.85)
 
 @dataclass(frozen=True, eq=False)
 class DistractorBody:
-    """A body that is seen; derive from it.
+    """Base class of visible bodies without contact.
 
     Attributes:
         name: What it is called.
@@ -48,7 +48,7 @@ class DistractorBody:
 
 @dataclass(frozen=True, eq=False)
 class Carrier(DistractorBody):
-    """What carries the object along its path, lets go of it and draws back, still on that path.
+    """Carrier of the object along its path; withdraws after the release.
 
     Attributes:
         X_OC: Its pose in the object's frame while it carries it, shape (4, 4).

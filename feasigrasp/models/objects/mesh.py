@@ -33,7 +33,7 @@ from feasigrasp.outputs import write_text
 MIN_EXTENT, MAX_EXTENT = 0.005, 1.0
 #: Faces beyond this number slow contact down without changing a grasp.
 MAX_FACES = 4000
-#: Faces from which on decimation takes long enough to be told.
+#: Faces from which on decimation takes long enough to be announced.
 _MANY_FACES = 200_000
 #: Tolerance that manifold3d is given, as a share of the one that is kept: what several collapses in
 #: a row move adds up, to 0.73 times the tolerance on the built-in objects with this share.

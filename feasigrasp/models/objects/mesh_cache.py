@@ -1,4 +1,4 @@
-"""What was made of large mesh files, kept on disk: a scan of a million faces takes long once."""
+"""Disk cache of processed meshes."""
 
 from __future__ import annotations
 

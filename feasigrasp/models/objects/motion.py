@@ -22,7 +22,7 @@ _THREE, _ROTATION = ArrayOf((3,)), ArrayOf((3, 3), rotation=True)
 
 
 class ObjectMotion:
-    """Where the object is at time t, in the world frame W (the robot's base); derive from it."""
+    """Base class of object motions: pose at time t in the world frame W (the robot's base)."""
 
     def state(self, t: float) -> tuple[Array, Array, Array]:
         """``X_WO`` (4, 4), ``V_WO`` (6,) and the acceleration of the origin (3,) at time t [s]."""

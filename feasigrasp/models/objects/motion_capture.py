@@ -1,4 +1,4 @@
-"""The errors of a motion-capture system."""
+"""Error model of a motion-capture system."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from feasigrasp.models.objects.tracker_config import TrackerConfig
 
 
 def measured_pose(X_WO: Array, time: float, config: TrackerConfig) -> Array | None:
-    """What a motion-capture system measures at a time [s]; None where it loses a measurement.
+    """Measurement of a motion-capture system at a time [s]; None for a lost one.
 
     Args:
         X_WO: The true pose, shape (4, 4).

@@ -1,11 +1,11 @@
-"""A path as an oscillation about a middle that drifts, one axis.
+"""Fit of an oscillation about a drifting mean, for one axis.
 
 With the time t from the newest point of the path on, and
 
     S(t) = sin(omega t) / omega,    C(t) = (1 - cos(omega t)) / omega^2
 
 the axis is ``p(t) = p + v S(t) + a C(t) + d (t - S(t))``: a line, a circle, an ellipse or a swing,
-whose middle moves on with the velocity d. A tracker that knows its object better and better
+whose middle moves on with the velocity d. A tracker whose model of the object improves
 corrects itself slowly, and what it follows drifts. Where omega is small, C is ``t^2 / 2``, and the
 path a parabola.
 

@@ -1,4 +1,4 @@
-"""Pose and twist of a moving object from noisy poses, some of which are lost.
+"""Pose and twist of a moving object from noisy poses with gaps, by Kalman filtering.
 
 A Kalman filter with a constant-acceleration model, driven by white jerk, follows the position; a
 second one with the same equations follows the rotation vector from the predicted to the measured
@@ -27,7 +27,7 @@ PATH_STEP, PATH_LENGTH = 0.1, 45
 _FLOOR = 1e-6
 #: What is known before the first measurement: standard deviations of velocity and acceleration.
 _PRIOR_V, _PRIOR_A = 1.0, 2.0
-#: A measurement this far from the prediction is a jump [m, rad]. It is not believed until others
+#: A measurement this far from the prediction is a jump [m, rad]. It is gated until others
 #: have agreed with it for this long [s]; then the filter starts again there.
 _JUMP, _JUMP_FOR = 0.15, 0.1
 #: After this long without a measurement nothing of the motion before is worth anything [s].
@@ -99,7 +99,7 @@ def parts(x):
 
 
 class Noise(NamedTuple):
-    """What a filter assumes.
+    """Noise model of the filter.
 
     Attributes:
         position: Standard deviation of a measured position [m].
@@ -220,7 +220,7 @@ def _turn_over(state, t, X, expected, noise):
     """Goes on as before with another orientation, as if the object had always been in it.
 
     An object that is where it was expected has hardly been turned over: it looks much the same from
-    two sides, or its tracker knows better now. Its path is still its path.
+    two sides, or the estimate of its tracker has improved. Its path is still its path.
     """
     s = parts(state)
     dt = t - s.time[0]

@@ -1,4 +1,4 @@
-"""What is known of an object's motion, and where it will be.
+"""Motion estimate of an object, and predicted poses.
 
 For the future, the filtered path of the last seconds (`feasigrasp.models.objects.pose_filter`) is
 fitted, axis by axis, by an oscillation (`feasigrasp.models.objects.oscillation`): straight and
@@ -100,19 +100,19 @@ def predict_kernel(state, now, v_WO, ahead, X):
 
 
 class Motion(Protocol):
-    """Whatever tells where an object will be."""
+    """Interface of motion predictors."""
 
     @property
     def known(self) -> bool:
-        """Whether it can tell."""
+        """Whether a prediction is available."""
 
     def predict(self, ahead: ArrayLike, v_WO: ArrayLike | None = None) -> Array:
-        """Poses (k, 4, 4) of the object so many seconds (k,) from now, see `MotionEstimate`."""
+        """Poses (k, 4, 4) of the object at times (k,) [s] from now, see `MotionEstimate`."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionEstimate(Frozen):
-    """What is known of an object's motion at one time.
+    """Motion estimate of an object at one time.
 
     Attributes:
         state: State of the filter, shape (STATE_SIZE,).
@@ -128,7 +128,7 @@ class MotionEstimate(Frozen):
         return not np.isnan(self.state[0])
 
     def velocity(self, v_WO: ArrayLike) -> Array:
-        """The velocity (3,) of O's origin [m/s] now, if that of a filter of its own is ``v_WO``.
+        """Velocity (3,) of O's origin [m/s], for ``v_WO`` of a separate filter.
 
         As far as the path is an oscillation, it is that of the oscillation.
         """
@@ -141,7 +141,7 @@ class MotionEstimate(Frozen):
 
         Args:
             ahead: Seconds from now, shape (k,).
-            v_WO: Its velocity now, where a filter of its own knows that better, shape (3,) [m/s].
+            v_WO: Its velocity now, where a filter of its own is more accurate, shape (3,) [m/s].
         """
         times = np.ascontiguousarray(ahead, dtype=float).reshape(-1)
         X, V = np.empty((len(times), 4, 4)), np.empty(6)

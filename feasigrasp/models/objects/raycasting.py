@@ -31,7 +31,7 @@ class Raycaster:
         )
 
     def cast(self, starts: Array, directions: Array) -> tuple[Array, NDArray[np.uint32]]:
-        """Where rays meet the surface first.
+        """First intersections of rays with the surface.
 
         Args:
             starts: Shape (n, 3) [m].
@@ -46,7 +46,7 @@ class Raycaster:
         return np.asarray(hit["t_hit"].numpy(), dtype=float), hit["primitive_ids"].numpy()
 
     def depth_image(self, K: Array, X_CO: Array, width: int, height: int) -> Array:
-        """What a perfect depth camera measures.
+        """Depth image of a perfect camera.
 
         Args:
             K: Its matrix, with pixel centres at halves, shape (3, 3) [px].
@@ -72,7 +72,7 @@ class Raycaster:
         return np.asarray(found.numpy(), dtype=float)
 
     def inside(self, points: ArrayLike) -> Mask:
-        """Which points (n, 3) a closed surface encloses, shape (n,)."""
+        """Mask of points (n, 3) inside a closed surface, shape (n,)."""
         found = self._scene.compute_occupancy(self._points(points), nthreads=1)
         return np.asarray(found.numpy() > 0.5)
 

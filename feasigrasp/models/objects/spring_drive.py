@@ -1,4 +1,4 @@
-"""The wrench of a critically damped spatial spring that carries a free body along a motion."""
+"""Wrench of a critically damped spatial spring that moves a free body along a motion."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from feasigrasp.models.objects.motion import motion_kernel
 
 
 class DrivenBody(NamedTuple):
-    """A body whose origin is its centre of mass, and the spring that carries it.
+    """A body with its origin at the center of mass, and the spring that drives it.
 
     Attributes:
         mass: [kg].

@@ -1,4 +1,4 @@
-"""Bodies of the cell that do not move: what they look like, what they collide as, how far they are.
+"""Static bodies of the cell: visual and collision geometry, signed distances.
 
 A body collides as the convex hulls of its connected parts. A hull is the intersection of half
 spaces ``n . x + d <= 0``; the largest of these values is the distance to the hull where a face is

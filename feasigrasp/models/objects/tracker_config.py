@@ -1,4 +1,4 @@
-"""How the object's pose is measured: by motion capture, or with the robot's own camera."""
+"""Configuration of the object tracker: motion capture or wrist camera."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -7,7 +7,7 @@ from feasigrasp.models.keys import SEED, key, word
 
 
 class TrackerKind(StrEnum):
-    """What tells the pose of the object."""
+    """Source of the object's pose."""
 
     MOCAP = "mocap"
     CAMERA = "camera"

@@ -1,4 +1,4 @@
-"""How much a tracked pose is worth: how old what it rests on is."""
+"""Tracking state: age of the last measurement behind a pose."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ COASTING_AFTER = 0.1
 
 
 class TrackingState(StrEnum):
-    """What a tracker does at present."""
+    """State of a tracker."""
 
     SEARCHING = "searching"
     TRACKING = "tracking"
@@ -22,7 +22,7 @@ class TrackingState(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Tracking(Frozen):
-    """What a tracker says of its own pose.
+    """Quality of a tracker's pose.
 
     ``searching``: there has been no measurement yet, and there is no pose. ``tracking``: the pose
     rests on what was measured just now. ``coasting``: it is extrapolated. ``lost``: it has been
@@ -32,7 +32,7 @@ class Tracking(Frozen):
         state: See above.
         age: How much older than usual the last measurement is [s]; infinite before the first.
         jumping: Whether measurements say that the object is somewhere else altogether, which is
-            not believed yet.
+            gated.
         in_view: Share of the known surface facing the camera that the last image showed; 1 for a
             tracker without a camera.
         deviation: Standard deviation of the surface across itself [m]; 0 if it is not known. What

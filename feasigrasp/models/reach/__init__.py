@@ -1,4 +1,4 @@
-"""What the arm can reach, now and soon."""
+"""Reachability of the arm, at present and over the prediction horizon."""
 
 from feasigrasp.models.reach.predicted_reachability import judge_grasps
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict

@@ -1,4 +1,4 @@
-"""Whether a flange pose can be reached, and with which configuration: the compiled part.
+"""Compiled reachability test of a flange pose, with the nearest configuration.
 
 What the pose alone decides comes first: the hand's clearance to the table and to what never moves.
 Then the exact arm angles inside the joint limits; only there configurations are tried.
@@ -40,7 +40,7 @@ _LINK_7_TO_FLANGE = IIWA_7.link_steps[-1]
 
 
 class Search(NamedTuple):
-    """What the kernels below need to know of arm, hand and table.
+    """Data of arm, hand and table for the search kernels.
 
     Attributes:
         psis: Arm angles at which the nearest configuration is looked for, shape (n,) [rad].
@@ -88,7 +88,7 @@ class Scratch(NamedTuple):
 
 @compiled
 def make_scratch(search, q_near):
-    """Room for a search; the arm angle of ``q_near`` is tried beside those of ``search``.
+    """Scratch memory of a search; the arm angle of ``q_near`` is tried beside those of ``search``.
 
     So the nearest solution moves smoothly with the pose.
     """
@@ -102,7 +102,7 @@ def make_scratch(search, q_near):
 
 @compiled(forceinline=True)
 def hand_verdict_kernel(X_WF, search, ends):
-    """What the flange pose alone decides: TABLE, SELF_COLLISION with what is fixed, or REACHABLE.
+    """Verdict of the flange pose alone: TABLE, SELF_COLLISION with fixed links, or REACHABLE.
 
     Writes the ends of the hand's capsules into ``ends``.
     """

@@ -1,4 +1,4 @@
-"""Reachable grasps of a moving object: those that stay in reach for a while."""
+"""Grasps of a moving object that stay reachable over the prediction horizon."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from feasigrasp.models.reach.kernels import REACHABLE
 from feasigrasp.models.reach.reachability import VERDICTS, Verdict
 
 _CHUNK = 32  # hand poses judged at first, best scores first; twice as many each time after
-#: A hand that can stand back from a grasp so far can also come to it [m].
+#: A hand that reaches a pre-grasp pose at this distance also reaches the grasp [m].
 WAY_IN = 0.05
 _INSTANTS = 4  # at which a grasp is judged over the horizon, the end included
 
@@ -71,7 +71,7 @@ def judge_grasps(
     way_in: NotNegative = 0.0,
     kept_before: Annotated[ArrayLike, ArrayOf(("k",), dtype=np.int64)] = (),
 ) -> JudgedGrasps:
-    """Which grasps, flips included, are in reach now and all through the next ``horizon`` seconds.
+    """Mask of grasps, flips included, that stay reachable for ``horizon`` seconds.
 
     Args:
         grasps: Grasps in the object frame.
@@ -84,8 +84,8 @@ def judge_grasps(
         motion: Predicts the object's poses; without it, the object moves on with its twist.
         symmetric_grasps: Whether the flip of a grasp counts as another; without, only the grasps
             given do.
-        way_in: Grasps that the hand cannot stand back from so far, along their approach direction,
-            neither now nor within the horizon, are left out if there are others [m].
+        way_in: Grasps that the hand cannot stand back from by this much, along their approach
+            direction, neither now nor within the horizon, are left out if there are others [m].
         kept_before: Ids of the grasps that were kept last; another takes the place of one of them
             only if it scores `HYSTERESIS` times as much.
 

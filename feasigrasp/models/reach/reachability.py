@@ -1,4 +1,4 @@
-"""Which hand poses the arm can reach, and with which configuration, by exact inverse kinematics.
+"""Exact reachability of hand poses by closed-form inverse kinematics.
 
 A pose counts as reached by a configuration that is inside the joint limits, free of
 self-collision and clear of the table; candidates come from the closed form over the arm angle.
@@ -31,7 +31,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 class Verdict(StrEnum):
-    """What becomes of a hand pose, or of a grasp that is to be reached for a while."""
+    """Verdict on the reachability of a hand pose or grasp."""
 
     REACHABLE = "reachable"
     WRIST = "wrist out of reach"
@@ -83,7 +83,7 @@ class Reachability(Frozen):
 
     @checked(ReachabilityError)
     def reachable(self, X_WG: Annotated[ArrayLike, ANY_POSES]) -> Mask:
-        """Which hand poses (n, 4, 4) have an admissible configuration, shape (n,)."""
+        """Mask of hand poses (n, 4, 4) with an admissible configuration, shape (n,)."""
         return self.verdicts(X_WG) == REACHABLE
 
     @checked(ReachabilityError)
@@ -135,7 +135,7 @@ class Reachability(Frozen):
 
     @checked(ReachabilityError)
     def admissible(self, q: Annotated[ArrayLike, JOINTS]) -> Mask:
-        """Which configurations (n, 7) are inside the limits and clear of arm, hand and table."""
+        """Mask of configurations (n, 7) inside the limits and without collision."""
         Q = np.asarray(q).reshape(-1, IIWA_7.joints)
         out = np.empty(len(Q), dtype=np.bool_)
         admissible_batch_kernel(Q, self.search, out)

@@ -1,4 +1,4 @@
-"""What arm and hand are: facts, kinematics, collisions."""
+"""Models of arm and hand: data, kinematics, collisions."""
 
 from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7, Arm

@@ -82,7 +82,7 @@ def link_poses_kernel(q, R, p):
 
 @compiled(forceinline=True)
 def end_point(ends, c, e):
-    """One end of a capsule."""
+    """End point of a capsule."""
     return ends[c, e, 0], ends[c, e, 1], ends[c, e, 2]
 
 
@@ -109,7 +109,7 @@ def capsule_ends_kernel(q, model, ends):
 
 @compiled
 def closest_parameters(a0, a1, b0, b1):
-    """Where two segments are closest: fractions of their lengths, and the vector from b to a.
+    """Closest points of two segments: fractions of their lengths, and the vector from b to a.
 
     Clamped solution of the 2x2 normal equations (Ericson, Real-Time Collision Detection, 5.1.9).
     """

@@ -1,4 +1,4 @@
-"""Capsules that hold the arm and its hand: the one source for URDF, self-collision, table checks.
+"""Capsule model of arm and hand, for the URDF, self-collision and table tests.
 
 A capsule is a segment with a radius. Every vertex of a visible link lies in a capsule of that link,
 so that what the capsules keep apart is apart. ``python tools/fit_capsules.py`` finds the capsules
@@ -71,7 +71,7 @@ class CapsuleModel(NamedTuple):
     movers: Indices
 
     def with_pairs(self, pairs: ArrayLike) -> CapsuleModel:
-        """The same capsules with other pairs to check, shape (p, 2), in the same order."""
+        """The capsules with other collision pairs, shape (p, 2), in the same order."""
         pairs = np.array(pairs, dtype=np.int64).reshape(-1, 2)
         model = self._replace(pairs=pairs, groups=_groups(self.link, pairs))
         for array in model:

@@ -1,4 +1,4 @@
-"""Compiled verdicts on self-collision: of one configuration, and of many side by side.
+"""Compiled self-collision tests: one configuration, or a SIMD batch.
 
 Few configurations come close to a collision. First the balls about whole links are tested; only
 where two of them meet the capsules are. For a batch the first test
@@ -94,7 +94,7 @@ def _ball(balls, k):
 
 @compiled(forceinline=True)
 def _centres_of(balls):
-    # As a tuple, which the compiler knows that no loop changes.
+    # As a tuple, which no loop changes, for the compiler.
     return (
         _ball(balls, 0), _ball(balls, 1), _ball(balls, 2), _ball(balls, 3),
         _ball(balls, 4), _ball(balls, 5), _ball(balls, 6), _ball(balls, 7),
@@ -120,7 +120,7 @@ def _balls_closer(rows, balls, groups, g, margin):
 
 @compiled
 def doubts_kernel(q, balls, groups, margin, height, first, end):
-    """What the balls about whole links leave open: 0 if nothing.
+    """Pairs undecided by the bounding balls of links: 0 if none.
 
     1 if links ``first`` to ``end - 1`` may reach below ``height``, 2 if pairs may be closer than
     ``margin``, 3 if both. Loops do best to take ``balls`` and ``groups`` out of the model before

@@ -1,4 +1,4 @@
-"""Geometry of a parallel gripper, the one source for model files, filters and controllers.
+"""Geometry of a parallel gripper.
 
 A hand is six lengths and two boxes; the sampler, the filter and the network's view of the room for
 a hand take them from there, so nothing is trained anew for another one.
@@ -33,8 +33,8 @@ class ParallelGripper(Frozen):
         palm_size: Palm box along x, y, z [m]; its front face lies at ``heel``.
         tool_offset: Distance from the flange to the pad centre along the flange's z-axis [m].
         camera_box: Box in G that encloses the tilted wrist camera (size along x, y, z) [m].
-        camera_center: Its centre in G [m]: beside the palm, so far out that the palm's edge does
-            not hide the pad centre from the camera.
+        camera_center: Its centre in G [m]: beside the palm, far enough out that the palm's edge
+            does not hide the pad centre from the camera.
         camera_tilt: Angle by which the camera's optical axis leans from the approach direction
             towards the tool axis, which it crosses in front of the finger tips [rad].
         grip_force: With which either pad presses when the hand is closed on something [N]. A pad is
@@ -167,7 +167,7 @@ class ParallelGripper(Frozen):
 
 
 def _box_skin(center: ArrayLike, size: Array, spacing: float) -> Array:
-    """Points on the surface of a box, at most so far apart, shape (k, 3)."""
+    """Points on the surface of a box, at most ``spacing`` apart, shape (k, 3)."""
     counts = np.ceil(size / spacing - 1e-9).astype(int) + 1
     x, y, z = (np.linspace(-half, half, n) for half, n in zip(size / 2, counts, strict=True))
     points = _grid(x, y, z)

@@ -1,4 +1,4 @@
-"""Grippers by name, and from files: what a scenario's ``gripper`` may be."""
+"""Grippers by name or file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated model of a parallel gripper, made of its description alone."""
+"""Generated simulation model of a parallel gripper."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def camera_pose(gripper: ParallelGripper) -> Array:
 def hand_files(gripper: ParallelGripper) -> dict[str, str]:
     """Texts of the files of a hand that has no packaged model, by name; all lie in one folder.
 
-    What is seen of it are its boxes, and the column between the flange and its palm.
+    Its visual geometry is its boxes, and the column between the flange and its palm.
     """
 
     def mesh(name: str) -> str:

@@ -1,4 +1,4 @@
-"""The arm as data: what it measures and what it can do, in one place.
+"""Data of the iiwa 7: dimensions, limits, masses.
 
 Compiled code may name `IIWA_7` directly (``IIWA_7.position_limits[i]``): numba takes a module's
 named tuples for constants, and drops from the machine code what is not used of them.
@@ -18,7 +18,7 @@ from feasigrasp.models.quantities import JOINTS, Whole
 
 
 class DriverLimits(NamedTuple):
-    """What the driver of the real arm lets through; simulation does not need it.
+    """Limits of the real arm's driver; without effect in simulation.
 
     Attributes:
         position: Joint positions are clamped to -position ... position [rad], one per joint.

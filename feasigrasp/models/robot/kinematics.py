@@ -1,4 +1,4 @@
-"""Forward kinematics, Jacobian and manipulability of the iiwa 7, scalar in numba and in batches.
+"""Forward kinematics, Jacobian and manipulability (Yoshikawa 1985) of the iiwa 7.
 
 The kernels are for loops that run inside other numba code; the public functions take any number
 of leading axes. ``T`` is a tool frame fixed to the flange F: pass ``X_FT`` (identity: the flange).

@@ -1,4 +1,4 @@
-"""Distances between the arm's capsules, and to a table; verdicts on self-collision.
+"""Distances between the arm's capsules and to a table; self-collision test.
 
 The distance of two capsules is that of their segments minus both radii. The functions use the iiwa
 with its hand unless they are given another model. The kernels that other compiled code calls are

@@ -67,7 +67,7 @@ def shape(
 
 
 def packaged_mesh(name: str) -> str:
-    """Where the file ``name`` among the meshes of the packaged cell is."""
+    """Path of the file ``name`` among the meshes of the packaged cell."""
     return f"package://feasigrasp/iiwa/meshes/{name}"
 
 
@@ -131,7 +131,7 @@ def collision_filter(robot: ET.Element, name: str, members: list[str], ignored: 
 
 
 def document(robot: ET.Element) -> str:
-    """The XML text, indented, with a line that says where it comes from."""
+    """The XML text, indented, with a comment on its generator."""
     ET.indent(robot)
     body = ET.tostring(robot, encoding="unicode")
     return f'<?xml version="1.0"?>\n<!-- Written by models/iiwa/make_models.py. -->\n{body}\n'

@@ -1,1 +1,1 @@
-"""Which pixels of a depth image show the object, by depth alone."""
+"""Segmentation of the object in a depth image."""

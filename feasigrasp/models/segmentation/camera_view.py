@@ -1,4 +1,4 @@
-"""What one depth image says, pixel by pixel."""
+"""One depth image with normals and pixel neighborhoods."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from feasigrasp.models.arrays import Array, Floats, Frozen
 
 @dataclass(frozen=True, eq=False)
 class CameraView(Frozen):
-    """One image.
+    """One depth image with derived quantities.
 
     Attributes:
         points: Points in the world frame W, row by row, not finite where nothing was measured,

@@ -1,4 +1,4 @@
-"""Pixels of a known colour, by their hue: those of a glove or a belt that carries the object."""
+"""Color gate: pixels of a given hue, such as those of a glove or a belt."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LEAST_SATURATION, _LEAST_VALUE = 0.35, 0.06
 
 
 def in_color_gate(color: NDArray[np.uint8], hue_deg: float) -> Mask:
-    """Which pixels have a hue, whatever their brightness.
+    """Mask of pixels with a hue, independent of brightness.
 
     Args:
         color: Red, green and blue of each pixel in [0, 255], and more channels, which do not count,

@@ -1,4 +1,4 @@
-"""Pixels that hang together, and groups of them that are one body.
+"""Connected components of pixels, and their grouping into bodies.
 
 A surface is a component of the picture: pixels side by side whose points are near each other. A
 body may show more than one, where a part of it hides another; components that come near each other

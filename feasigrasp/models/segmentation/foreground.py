@@ -1,4 +1,4 @@
-"""Which pixels of a depth image show the object, by depth and what is known of the cell.
+"""Foreground segmentation of a depth image against the modeled robot and cell.
 
 1. What is known, the robot at its measured joints or the cell that stands still, is not the object
    (`feasigrasp.models.segmentation.modeled_bodies`), nor is what carries it, if that has a known
@@ -55,7 +55,7 @@ LEAST_MOVED = 0.04
 
 
 class DistanceField(Protocol):
-    """What is asked of the object's field; a `Gpdf` is one."""
+    """Interface of the object's distance field; a `Gpdf` is one."""
 
     @property
     def bounds(self) -> Array:
@@ -128,7 +128,7 @@ def moved_share(points: Array, before: CameraView, camera: Camera, sigmas: float
     for down, right in _BESIDE:  # the rim of a body at rest is a pixel farther out now and then
         row = np.clip(v + down, 0, camera.height - 1)
         pixel = row * camera.width + np.clip(u + right, 0, camera.width - 1)
-        with np.errstate(invalid="ignore"):  # infinite where nothing was seen
+        with np.errstate(invalid="ignore"):  # infinite where nothing was measured
             depth = _to(X_CW, before.points[pixel].astype(float))[:, 2]
         z_before = np.fmin(z_before, np.where(np.isfinite(depth), depth, np.inf))
     off = _MOVED + sigmas * camera.depth_noise * z**2
@@ -143,7 +143,7 @@ def nearest_to(p: Array, groups: list[Indices], components: Components) -> int:
 
 
 def in_box(mask_of: list[Mask], camera: Camera, box: Array) -> int | None:
-    """Of some masks (n,) the one that has most pixels in a box, None if none has one.
+    """The mask (n,) with the most pixels in a box; None if all have none.
 
     Args:
         mask_of: The masks.
@@ -184,7 +184,7 @@ _AROUND = np.ones((3, 3), dtype=bool)
 
 
 class Label(IntEnum):
-    """What a pixel shows. ``UNCLEAR`` is of no surface, or of one that may be the object.
+    """Label of a pixel. ``UNCLEAR`` is of no surface, or of one that may be the object.
 
     ``CARRIER`` is what holds the object.
     """
@@ -197,13 +197,13 @@ class Label(IntEnum):
 
 
 class Known(NamedTuple):
-    """What is known when an image is taken.
+    """Prior knowledge for the segmentation of an image.
 
     Attributes:
         field: The object's distance field in O; None as long as there is none.
         X_WO: Its predicted pose, shape (4, 4); NaN if it is not known.
         lost: Whether that pose is good for nothing but to say where it was.
-        before: An earlier view, by which is told what moves.
+        before: An earlier view, for the detection of motion.
         waited: How long has been waited for something to move [s].
         box: What somebody drew about the object: first column and row, last ones, shape (4,) [px].
     """

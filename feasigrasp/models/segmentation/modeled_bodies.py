@@ -1,4 +1,4 @@
-"""Pixels that show what is known: the robot at its measured joints, and the cell that stands still.
+"""Labels of pixels on the robot at its measured joints, and on the static cell.
 
 The arm is made of the capsules of `models.robot.capsules`, the hand of boxes that fit it closely,
 since the object comes between its fingers, and the cell of boxes too. A point belongs to a body if
@@ -20,9 +20,9 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
-#: Kinds of pixels; `ModeledBodies` tells all but the last one.
+#: Kinds of pixels; `ModeledBodies` gives all but the last one.
 UNOBSERVED, FREE, ROBOT, CELL, CARRIER = 0, 1, 2, 3, 4
-#: How far bodies may be off where they are believed to be [m].
+#: Largest error of the modeled poses of bodies [m].
 MARGIN = 0.005
 #: So many standard deviations of a depth are noise.
 SIGMAS = 3.0
@@ -96,13 +96,13 @@ class ModeledBodies:
         self._arm = capsule_model(with_hand=False)
 
     def hand(self, q: Array) -> Array:
-        """Where the hand is at joint positions (7,) [rad], shape (3,) [m]."""
+        """Position of the hand at joint positions (7,) [rad], shape (3,) [m]."""
         return forward_kinematics(q, self.gripper.X_FG)[:3, 3]
 
     def kinds(
         self, points: Floats, X_WC: Array, q: Array, opening: float, noise: float
     ) -> NDArray[np.uint8]:
-        """What each pixel shows: `UNOBSERVED`, `ROBOT`, `CELL`, or `FREE` for anything else.
+        """Label of each pixel: `UNOBSERVED`, `ROBOT`, `CELL`, or `FREE` for anything else.
 
         Args:
             points: Points of a view in W, not finite where nothing was measured, shape (n, 3) [m].

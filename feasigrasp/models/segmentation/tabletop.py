@@ -1,4 +1,4 @@
-"""Cuts an object out of the cloud of a table that it stands on, knowing nothing else.
+"""Tabletop segmentation: the body on the dominant plane of a cloud.
 
 For clouds of real cameras, where neither arm nor cell nor an earlier image is known. The plane that
 holds most points is the table; of what stands on it, the largest body is the object.
@@ -19,7 +19,7 @@ from feasigrasp.models.clouds.table import largest_plane
 
 #: Points within so much of the plane are the table's [m]; what stands on it starts higher.
 _THICKNESS, _STANDS = 0.005, 0.006
-#: Resolution at which bodies are told apart, and how near their parts are to each other [m].
+#: Resolution at which bodies are separated, and how near their parts are to each other [m].
 _RESOLUTION, _JOINED = 0.004, 0.02
 #: The plane is sought with so many draws of three points.
 _DRAWS = 1000
@@ -28,7 +28,7 @@ _LEAST = 20
 
 
 def object_on_table(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> Mask:
-    """Which points of a cloud are of the object on the table.
+    """Mask of the points of a cloud on the object above the table.
 
     Args:
         points: Finite points of table, object and what else is in view, shape (n, 3) [m].

@@ -1,4 +1,4 @@
-"""The shape of what is seen: Gaussian process distance fields."""
+"""Shape models: Gaussian process distance fields."""
 
 from feasigrasp.models.shape.completion import CompletedField, complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf

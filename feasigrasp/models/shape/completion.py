@@ -1,10 +1,10 @@
-"""The default way from merged views to a distance field: completes, and knows what it made up.
+"""Shape completion: merged views to a distance field with its variance.
 
-What is seen of an object says little about its back, but where the camera looked past the object
-it cannot be: beside the silhouette, nodes of the Gaussian process hold the value of free space,
-which closes the surface behind. Surface that still ends up in free space is not handed out, and
-the variance counts the observations alone: what free space shaped is as uncertain as what nothing
-shaped.
+The observed side of an object says little about its back, but where the camera looked past the
+object it cannot be: beside the silhouette, nodes of the Gaussian process hold the value of free
+space, which closes the surface behind. Surface that still ends up in free space is not handed out,
+and the variance counts the observations alone: what free space shaped is as uncertain as what
+nothing shaped.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from feasigrasp.models.shape.gpdf_fit import PAPER, FitSettings, fit_field, fit_
 from feasigrasp.models.shape.hidden_side import BackSurface
 from feasigrasp.models.shape.hidden_side_network import HiddenSide, load_hidden_side
 
-# Nodes of the distance field on the side of an object that nobody has seen, as far as it is known.
+# Nodes of the distance field on the unobserved side of an object, where it is estimated.
 #
-# `hidden_side` tells where the object probably ends behind each picture. Other pictures contradict
+# `hidden_side` estimates where the object ends behind each picture. Other pictures contradict
 # that where they look through the place, or see a surface in front of it that is not the far one.
 
 #: Nodes closer to an observed point than this know nothing that it does not [m], nor do those
@@ -69,10 +69,10 @@ def hidden_nodes(
     """Nodes on the far sides of all pictures.
 
     Args:
-        field: What is believed without the network.
+        field: The estimate without the network.
         images: Pictures of the object, in the frame of the points; at least one.
         observed: Points seen, shape (n, 3) [m].
-        network: Tells far sides.
+        network: Estimator of far sides.
         count: Number of nodes, at most.
     """
     backs = network.back_surfaces(images, field)
@@ -110,7 +110,7 @@ def _inside(image: ViewImage, back: BackSurface, points: Array) -> Mask:
     return inside
 
 
-#: Values at this distance beside some of the points tell inside from outside [m].
+#: Values at this distance beside some of the points separate inside from outside [m].
 SURFACE_OFFSET = 2e-3
 #: Share of the points that get such values.
 BESIDE_SHARE = 0.15
@@ -137,7 +137,7 @@ _CLEARANCE = 5e-3
 
 
 class Preset(StrEnum):
-    """Which field is fitted: ours, or that of the paper."""
+    """Presets of the field: ours, or that of the paper."""
 
     DEFAULT = "default"
     PAPER = "paper"
@@ -145,7 +145,7 @@ class Preset(StrEnum):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CompletedField(Gpdf):
-    """A distance field that knows which of its nodes were observed, and which space is free.
+    """A distance field with a mask of observed nodes and a map of free space.
 
     Attributes:
         cloud: The observed points, shape (c, 3) [m].
@@ -166,7 +166,7 @@ class CompletedField(Gpdf):
 
         Small near observed points, growing towards 1 away from them. Nodes in free space do not
         count: they say that there is nothing, not what there is. Behind observed surface it grows
-        faster: the far side of a thin wall is near what was seen, and still was not.
+        faster: the far side of a thin wall is near the observed surface, and still unobserved.
         """
         nodes = np.ascontiguousarray(self.nodes[:, : self.observed])
         x = self._withdrawn(checked_queries(x))
@@ -183,7 +183,7 @@ class CompletedField(Gpdf):
 
     @checked(PointCloudError)
     def possible(self, x: Annotated[Array, POINTS]) -> Mask:
-        """Which points (m, 3) could be on the object: those not in known free space, shape (m,)."""
+        """Mask of points (m, 3) outside observed free space, shape (m,)."""
         free = free_distance(self.images, x) > _CARVED
         near = self._tree.query(x[free], distance_upper_bound=_OBSERVED)[0]  # inf if none is
         free[free] = near > _OBSERVED

@@ -1,4 +1,4 @@
-"""A fitted Gaussian process distance field, and what can be asked of it; see ``gpdf_fit``."""
+"""Gaussian process distance field (GPDF, Le Gentil et al. 2024): queries of a fitted field."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class SurfacePoints(Frozen):
 
     @cached_property
     def variance(self) -> Array:
-        """Predictive variance of the occupancy, shape (m,): small where it was seen.
+        """Predictive variance of the occupancy, shape (m,); small at observations.
 
         Computed when it is asked for: it costs more than the points.
         """
@@ -76,7 +76,7 @@ class Gpdf(Frozen):
         cholesky: Cholesky factor of ``K + diag(s2)``, shape (k, k), Fortran order; only its lower
             triangle means anything.
         damped: Whether ``refine`` takes damped Newton steps; if not, the paper's steps of d.
-        has_free_space: Whether `possible` tells anything.
+        has_free_space: Whether `possible` depends on free space.
     """
 
     points: Annotated[Array, POINTS]
@@ -96,12 +96,12 @@ class Gpdf(Frozen):
         self._freeze(**{k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)})
 
     def seen(self) -> tuple[Array, Array]:
-        """Observed points (n, 3) [m] and outward normals there, zero where none is known."""
+        """Observed points (n, 3) [m] and outward normals, zero where undetermined."""
         return self.points, np.zeros_like(self.points)
 
     @checked(PointCloudError)
     def possible(self, x: Annotated[Array, POINTS]) -> Mask:
-        """Which points (m, 3) could be on the object: those not in known free space, shape (m,)."""
+        """Mask of points (m, 3) outside observed free space, shape (m,)."""
         return np.ones(len(x), dtype=bool)
 
     @checked(PointCloudError)
@@ -178,7 +178,7 @@ class Gpdf(Frozen):
 
     @property
     def search_box(self) -> Array:
-        """Lower and upper corner of where the surface is looked for, shape (2, 3) [m].
+        """Lower and upper corner of the surface search, shape (2, 3) [m].
 
         The cloud's bounding box, grown by half its size on every side, with no half size below 0.3
         of the largest.
@@ -200,7 +200,7 @@ class Gpdf(Frozen):
         max_length: NotNegative,
         start_length: NotNegative,
     ) -> Array:
-        """Where rays through the object come out on the far side.
+        """Exit points of rays through the object.
 
         Args:
             starts: Points on the surface, shape (m, 3) [m].
@@ -229,12 +229,12 @@ class Gpdf(Frozen):
         far: NotNegative,
         near: float = 0.0,
     ) -> tuple[Array, Indices]:
-        """How close a rigid body comes to the completed surface.
+        """Clearance of a rigid body from the completed surface.
 
         Args:
             poses: Poses of the body in the field's frame, shape (m, 4, 4).
             body_points: Points on the body in its own frame, shape (k, 3) [m].
-            far: Beyond this distance nobody asks how far it is [m].
+            far: Largest distance of interest [m].
             near: A body closer than this is not looked at further [m].
 
         Returns:

@@ -1,4 +1,4 @@
-"""Gaussian process distance field (GPDF): a partial point cloud becomes a completed surface.
+"""Fits a Gaussian process distance field to a partial cloud (Le Gentil et al. 2024).
 
 A Gaussian process with the Matern-1/2 kernel ``k(r) = exp(-r / l)`` interpolates occupancy 1 on
 the observed points; because the kernel inverts in closed form, occupancy becomes distance:
@@ -7,7 +7,7 @@ the observed points; because the kernel inverts in closed form, occupancy become
 never clamped at 1.
 
 Deviation from the paper: beside a third of the points, values at ``+-surface_offset`` along the
-normal, ``y = exp(-+h / l)``, tell the process which side is inside. Without them one third of the
+normal, ``y = exp(-+h / l)``, give the process the inside. Without them one third of the
 inside has the wrong sign for a single view. ``surface_offset=None`` gives the paper's field.
 """
 
@@ -35,7 +35,7 @@ _MAX_CANDIDATES = 2048
 #: Points that a plane is fitted to for a normal.
 _NEIGHBOURS = 20
 #: Below this |cosine| between a normal and its reference direction its sign is a guess.
-_UNSURE = 0.15
+_LEAST_COSINE = 0.15
 #: One in so many of the chosen points is one that sticks out: the corners.
 _OUTWARD = 8
 
@@ -209,7 +209,7 @@ def _outward_normals(
     """Some points of a cloud (n, 3) and outward unit normals there, by principal components.
 
     A normal is turned to the camera's side, or, without a camera, away from the centroid. Where
-    that cannot be told (normal nearly perpendicular to the reference) the point is left out:
+    that is undecided (normal nearly perpendicular to the reference) the point is left out:
     a normal with the wrong sign does more harm than none.
     """
     at = cloud[indices]
@@ -221,5 +221,5 @@ def _outward_normals(
     reference = at - cloud.mean(axis=0) if towards_camera is None else towards_camera
     length = np.maximum(np.linalg.norm(reference, axis=1), 1e-12)
     cosine = np.einsum("mi,mi->m", normals, reference) / length
-    reliable = np.abs(cosine) > _UNSURE
+    reliable = np.abs(cosine) > _LEAST_COSINE
     return at[reliable], (normals * np.sign(cosine)[:, None])[reliable]

@@ -1,4 +1,4 @@
-"""Compiled loops of the Gaussian process distance field over query points, rays and bodies.
+"""Compiled loops of the distance field over query points, rays and bodies.
 
 The sums over the nodes are in `node_sums`, whose tiles and workspace they pass on. Points are
 relative to the field's centre where a function takes no ``center``. All of them release Python's
@@ -102,10 +102,10 @@ def closest_points(
     far: float,
     near: float,
 ) -> tuple[Array, Indices]:
-    """How close each posed body comes to the surface, at most ``far``, and which point of it does.
+    """Distance of each posed body to the surface, at most ``far``, with its closest point.
 
     The raw distance underestimates outside. So a raw value clears its point, and every other body
-    point within the rest of that distance, if it exceeds the least distance found so far; lower
+    point within the rest of that distance, if it exceeds the least distance found; lower
     positive ones are refined by two Newton steps. Once a point is closer than ``near`` the others
     are not looked at. Points outside ``box`` (2, 3) are far.
 

@@ -1,4 +1,4 @@
-"""Distance grids of scenes and objects, for the safety QP to look up.
+"""Signed-distance grids of scenes and objects, for the safety QP.
 
 A node has the distance to the nearest observed point, by a vector distance transform (Danielsson
 1980). Near a surface it has the distance of the Gaussian process field, if that is less: the field
@@ -32,7 +32,7 @@ _ON_SURFACE = 1e-3
 def _nearest_point_kernel(points, low, size, squares):
     """Lowers ``squares`` (nx, ny, nz) to the squared distance of each node's nearest point.
 
-    Points tell the nodes around them; nodes tell their neighbours which point they took, in sweeps
+    Points update the nodes around them; nodes pass their nearest point to neighbours, in sweeps
     through the grid along each of its eight diagonals (vector distance transform, Danielsson 1980).
     """
     n = squares.shape
@@ -102,7 +102,7 @@ def object_grid(
 
     Completed surface counts as nearer than it is by half of the deviation that is expected of it,
     as for grasps (`feasigrasp.models.grasps.hand_clearance`). What the camera has looked through is
-    free, also where the field fills it, as it fills a bowl: a finger may go there. What nobody has
+    free, also where the field fills it, as it fills a bowl: a finger may go there. What no view has
     seen is not, but it may be that nothing is there: `ObstacleGrid.seen` is the grid without it.
 
     Args:

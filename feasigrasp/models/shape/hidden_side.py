@@ -1,7 +1,7 @@
-"""What the picture of an object says about the side it does not show, learnt from other objects.
+"""Learned estimate of the object's thickness behind the observed surface.
 
 Nothing of an object lies outside its silhouette: where its surface ends along the line of sight of
-every pixel, beside where it begins, tells the whole of its outer shape. A small network has learnt
+every pixel, beside where it begins, gives the whole outer shape. A small network has learnt
 how thick household shapes are behind each pixel; the distance field takes that for observations
 that are as uncertain as the network says (`feasigrasp.models.shape.completion`).
 """
@@ -27,7 +27,7 @@ LEAST, MOST = 4e-3, 0.4
 
 @dataclass(frozen=True, eq=False)
 class BackSurface:
-    """Where an object probably ends behind the pixels of a picture.
+    """Estimated far surface of an object behind the pixels of a view.
 
     Attributes:
         depth: Along z of the picture's camera, shape (SIDE, SIDE) [m]; 0 outside the silhouette.
@@ -44,7 +44,7 @@ def picture_scale(image: ViewImage) -> float:
 
 
 def estimated_thickness(image: ViewImage, field: Gpdf) -> tuple[Array, Array]:
-    """Where a field ends on the lines of sight, and how far that is from all that was seen.
+    """Depth of a field along the lines of sight, and its distance from observations.
 
     Every second line of sight of every second row is looked at, which is as fine as fields are.
 
@@ -69,10 +69,10 @@ def estimated_thickness(image: ViewImage, field: Gpdf) -> tuple[Array, Array]:
 
 
 def features(image: ViewImage, field: Gpdf) -> NDArray[np.float32]:
-    """What the network sees of a picture, shape (FEATURES, SIDE, SIDE).
+    """Network input of a view, shape (FEATURES, SIDE, SIDE).
 
     Silhouette, depth relative to its mean, distance to the rim, the size of the object, the
-    thickness of the field, where there is one, and how far its end is from what was seen.
+    thickness of the field, where there is one, and how far its end is from the observed surface.
     """
     scale, mask = picture_scale(image), image.mask
     relative = np.where(mask, image.depth - image.depth[mask].mean(), 0.0) / scale

@@ -1,4 +1,4 @@
-"""The network behind `hidden_side`: a small U-Net from pictures to thickness, and its weights.
+"""U-Net from a view to thickness (Ronneberger et al. 2015), and its weights.
 
 Computed with NumPy, since torch takes longer to load than all pictures of a run; trained with torch
 by `feasigrasp_lab.training.train_hidden_side`.
@@ -27,7 +27,7 @@ DEFAULT_WEIGHTS = WEIGHTS / "hidden_side.npz"
 _FILE = WeightsFormat("hidden side", "feasigrasp hidden_side 2", "feasigrasp train hidden-side")
 #: Channels of a picture, see `hidden_side.features`.
 FEATURES = 7
-#: The channel with the thickness that is believed without the network.
+#: The channel with the thickness estimated without the network.
 ESTIMATED = 4
 #: Channels at half, quarter and eighth resolution.
 CHANNELS = (32, 64, 96)
@@ -57,7 +57,7 @@ class HiddenSide:
         }
 
     def back_surfaces(self, images: Sequence[ViewImage], field: Gpdf) -> list[BackSurface]:
-        """Where the object in every picture probably ends, given the field of what was seen."""
+        """Estimated far surface behind every view, given the field of the observed surface."""
         backs = []
         for image in images:
             median, spread = self.thickness(features(image, field))

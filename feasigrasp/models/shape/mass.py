@@ -1,6 +1,6 @@
-"""What a completed shape weighs, and where its weight attacks: an estimate with its uncertainty.
+"""Mass and center of mass of a completed shape, with their uncertainty.
 
-Nobody sees what is inside an object. Small household objects are solid, large ones hollow: their
+The inside of an object is unobserved. Small household objects are solid, large ones hollow: their
 mass grows about as their surface does, with the volume to the power of two thirds, and is known by
 that to a factor of about two. The centre of mass is taken for that of the volume.
 """

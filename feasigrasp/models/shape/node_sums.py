@@ -1,4 +1,4 @@
-"""Sums over the nodes of a distance field, the loops in which nearly all its time is spent.
+"""Sums over the nodes of a distance field: the innermost compiled loops.
 
 The nodes are scaled by ``log2(e) / l``, so that the kernel is ``2^-r``, and stored in tiles of
 `TILE` nodes, coordinate by coordinate with the weights behind: ``[x.. | y.. | z.. | alpha..]``.
@@ -52,7 +52,7 @@ def make_tiles(nodes: Array, alpha: Array, length_scale: float) -> Array:
 
 @compiled
 def make_workspace() -> Array:
-    """What the sums write their intermediate results to; one per thread."""
+    """Scratch memory of the sums; one per thread."""
     storage = np.empty(2 * TILE + 8)
     first = (-storage.ctypes.data % _CACHE_LINE) // 8
     return storage[first : first + 2 * TILE]
@@ -106,7 +106,7 @@ def _sum_of_gradients(
 
 @compiled
 def pulled_in(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A scaled query point, or, if it is far out, one so far out that occupancy underflows too."""
+    """A scaled query point, clamped to a distance at which occupancy underflows."""
     largest = max(abs(x), abs(y), abs(z))
     if largest > _MAX_QUERY:
         shrink = _MAX_QUERY / largest

@@ -1,4 +1,4 @@
-"""The distance field of a scene: how far the table and everything on it is, and which way.
+"""Distance field of the scene: the table and everything on it.
 
 The same Gaussian process distance field as for objects (Choi & Figueroa, arXiv 2311.02576), on the
 cloud of the surroundings, with three things that a scene needs:
@@ -61,7 +61,7 @@ class SceneField(Frozen):
         resolution: Edge length of a voxel [m].
         thickness: Depth behind a seen surface that counts as inside [m].
         unobserved: Middles of voxels of `SCENE_VOXEL` that were never seen and may belong to what
-            was, shape (k, 3) [m]; no part of the distance, which is that to what was seen.
+            was, shape (k, 3) [m]; no part of the distance, which is that to the observed surface.
     """
 
     points: Annotated[Array, POINTS]
@@ -125,14 +125,14 @@ class SceneField(Frozen):
 
     @checked(PointCloudError)
     def closer_than(self, x: Annotated[ArrayLike, POINTS], margin: float) -> Mask:
-        """Which points x (m, 3) are closer to a surface than a margin [m], or behind it, (m,).
+        """Mask of points x (m, 3) closer to a surface than a margin [m], or behind it, (m,).
 
         As `distance`, but most points far away cost a look-up only.
         """
         return self.distance_and_gradient(x, max(margin, self.thickness))[0] < margin
 
     @checked(PointCloudError)
-    def unseen_distance(
+    def unobserved_distance(
         self, x: Annotated[ArrayLike, POINTS], max_distance: Bound = np.inf
     ) -> Array:
         """Distance of points x (m, 3) to the voxels of ``unobserved``, taken for balls, (m,) [m].
@@ -141,7 +141,7 @@ class SceneField(Frozen):
         """
         radius = 0.5 * SCENE_VOXEL
         reach = max_distance + radius
-        nearest, _ = self._unseen_tree.query(checked_queries(x), distance_upper_bound=reach)
+        nearest, _ = self._unobserved_tree.query(checked_queries(x), distance_upper_bound=reach)
         return np.asarray(nearest - radius)
 
     def _feet(self, x: Array, nearest: Indices) -> tuple[Array, Array]:
@@ -164,7 +164,7 @@ class SceneField(Frozen):
         return cKDTree(self.points, leafsize=_LEAF)
 
     @cached_property
-    def _unseen_tree(self) -> cKDTree:
+    def _unobserved_tree(self) -> cKDTree:
         return cKDTree(self.unobserved, leafsize=_LEAF)
 
 

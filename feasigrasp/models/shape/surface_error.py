@@ -1,4 +1,4 @@
-"""How far completed surface is expected to be off, told by how far it is from what was seen.
+"""Expected error of the completed surface as a function of distance to observations.
 
 The distance from the nearest observed point says nearly all about it: neither the full variance of
 the Gaussian process nor what the hidden-side network expects of itself predicts the error better.
@@ -13,7 +13,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.points import nearest_distance
 from feasigrasp.models.shape.gpdf import Gpdf
 
-#: Error of surface that was seen [m], and its growth with the distance from what was seen.
+#: Error of observed surface [m], and its growth with the distance from it.
 _SEEN, _GROWTH = 0.0002, 0.21
 #: Clearances grow by this share of the predicted deviation of the surface.
 MARGIN_GROWTH = 0.5

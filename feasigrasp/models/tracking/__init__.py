@@ -1,4 +1,4 @@
-"""Tracking: an object is followed by its own distance field, in depth images alone."""
+"""Tracking of an object in depth images by its distance field."""
 
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.tracking.sequence import SequenceTracker

@@ -1,10 +1,10 @@
-"""Whether a pose that was found is believed, by what the image shows of the object there."""
+"""Acceptance test of a registered pose, by inliers, residuals and coverage."""
 
 from __future__ import annotations
 
 from feasigrasp.models.tracking.registration import Registration
 
-#: What an image must show for its pose to be believed: shares of the known surface that are inside
+#: What an image must show for its pose to be accepted: shares of the known surface that are inside
 #: the image, of points on the model, of the facing model inside the image that is seen, and, at
 #: most, of the facing model that projects beside the object. How much it then says is left to the
 #: information: little of the object determines little.
@@ -12,7 +12,7 @@ _LEAST_INSIDE, _LEAST_INLIERS, _LEAST_COVERED, _MOST_BESIDE = 0.05, 0.6, 0.5, 0.
 #: Points of a new side are not asked to be on the model; so many of all are at least.
 _LEAST_ON_MODEL = 0.45
 #: Where less than this share of the known, facing surface is in the image, so many points must be
-#: on the model; where hardly any is, what is seen is a new side, and what of it is seen says
+#: on the model; where hardly any is, the observed side is new, and its observed part says
 #: nothing.
 _LITTLE, _INLIERS_OF_LITTLE, _NEW_SIDE = 0.25, 0.7, 0.02
 #: Less of the known surface than this faces a camera that sees another side.
@@ -25,7 +25,7 @@ _FOUND, _FOUND_AT_ANY_ORIENTATION = (0.85, 0.1, 0.7), (0.95, 0.05, 0.8)
 
 
 def is_accepted(found: Registration) -> bool:
-    """Whether a pose near to the expected one is believed."""
+    """Acceptance test of a pose near the expected one."""
     little = found.in_view < _LITTLE
     return (
         found.inside >= _LEAST_INSIDE
@@ -37,12 +37,12 @@ def is_accepted(found: Registration) -> bool:
 
 
 def shows_model(found: Registration) -> bool:
-    """Whether more than a little of what is known of the object is in the image."""
+    """Whether enough of the modeled surface is in the image."""
     return found.in_view >= _LITTLE and found.facing >= _LEAST_FACING
 
 
 def is_found(found: Registration, *, any_orientation: bool = False) -> bool:
-    """Whether a pose that is not where it was expected is believed: nothing speaks against it.
+    """Acceptance test of a relocalized pose.
 
     Args:
         found: The pose.

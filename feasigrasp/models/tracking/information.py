@@ -1,4 +1,4 @@
-"""What an image says of a pose, and what of that is only noise.
+"""Information matrix of a registered pose, without the share that is noise.
 
 The rows of a registration are ``J = -[r x n, n]``: point r from the origin of O, normal n. Along a
 direction that the shape does not determine, such as the turn of a can, an ideal surface has
@@ -49,15 +49,15 @@ def without_noise(
 
     Returns:
         The information (6, 6), and the projection (6, 6) that takes a gradient ``J^T w r`` to that
-        part of it which is believed.
+        part of it which is retained.
     """
     total = float(weights.sum())
     if total <= 0.0:
         return np.zeros((6, 6)), np.zeros((6, 6))
     middle = weights @ lever / total
     radius = float(np.sqrt(weights @ np.square(lever - middle).sum(axis=1) / total))
-    # About the middle of what is seen, in units that a turn moves points as far as a shift does:
-    # theta and p there, e = T y.
+    # About the center of the visible points, in units that a turn moves points as far as a shift
+    # does: theta and p there, e = T y.
     T = np.eye(6)
     T[:3, :3] /= max(radius, 1e-3)
     T[3:, :3] = se3.hat(middle) @ T[:3, :3]
@@ -72,7 +72,7 @@ def without_noise(
 
 
 def surface_deviation(covariance: Array, lever: Array, normals: Array) -> float:
-    """How far the surface is from where it is expected, across itself: root mean square [m].
+    """Root mean square distance between measured and expected surface, along the normals [m].
 
     What the shape does not determine does not count: a can may turn, and is where it was.
 

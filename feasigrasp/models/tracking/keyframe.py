@@ -1,4 +1,4 @@
-"""Views that are worth merging into the model, and where they end."""
+"""Keyframes: selection of the views that are merged into the model."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from feasigrasp.models.tracking.registration import Registration
 from feasigrasp.models.tracking.view import ObjectView
 
 #: A keyframe shows such a share of the known surface and has such a share of its points on the
-#: model and of the model beside the object; so far may the surface be, one standard deviation [m].
+#: model and of the model beside the object; largest distance of the surface, one standard deviation
+#: [m].
 _KEY_VIEW, _KEY_INLIERS, _KEY_BESIDE, _KEY_DEVIATION = 0.7, 0.85, 0.1, 1.6e-3
-#: A side so far from all that were seen [rad], or a view of which such a share is new, is taken as
+#: A side this far from all observed ones [rad], or a view of which such a share is new, is taken as
 #: soon as these allow it: once nothing that is known is in the image any more, it is too late.
 _OTHER_SIDE, _NEW_PART = np.deg2rad(30.0), 0.25
 _OTHER_VIEW, _OTHER_INLIERS, _OTHER_DEVIATION = 0.35, 0.75, 2.5e-3
@@ -26,7 +27,7 @@ _KNOWN_SIDE, _KNOWN_PERIOD = 3, 0.4
 #: than the model is fine.
 _MOST_POINTS = 6000
 #: Points so near to the border of an image are where it cuts the object off, until an image shows
-#: what is so far around them [px]; so many are kept of an image, and of all.
+#: a margin of this width around them [px]; so many are kept of an image, and of all.
 _AT_BORDER, _SEEN_PAST = 4.0, 12.0
 _CUT_POINTS, _MOST_CUT = 60, 600
 
@@ -73,7 +74,7 @@ def keyframe_of(
 
 
 def is_worth_merging(key: Keyframe, found: Registration, last: float, views: ViewRecord) -> bool:
-    """Whether a view is good enough to be merged, and tells something.
+    """Whether a view is accurate and informative enough for a keyframe.
 
     Args:
         key: The view, as a keyframe.
@@ -105,7 +106,7 @@ def is_cut(view: ObjectView) -> bool:
 
 
 def cut_off(known: Array, view: ObjectView, X_WO: Array) -> Array:
-    """Where what has been merged was cut off by an image, after one more view.
+    """Mask of merged surface cut off by an image border, after one more view.
 
     Args:
         known: Such points before it, in O, shape (k, 3) [m].

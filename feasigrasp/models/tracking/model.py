@@ -1,4 +1,4 @@
-"""What a tracker knows of the object's shape: its distance field, and which of it was observed."""
+"""Shape model of a tracker: distance field with its observed part."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from feasigrasp.models.tracking.information import NOISE_SHARE, jacobian
 
 #: Points of the model that are looked for in an image.
 _PROBES = 300
-#: Rigid displacements that tell how much the normals err, and how far they move the points [m].
+#: Rigid displacements for the error of the normals, and how far they move the points [m].
 _DISPLACEMENTS, _DISPLACED = 4, 4e-3
-#: Neighbours of an observed point that tell whether the surface goes on around it, and how far off
-#: their middle is at an edge, in units of their distance.
+#: Neighbours of an observed point that decide whether the surface goes on around it, and how far
+#: off their middle is at an edge, in units of their distance.
 _NEIGHBOURS, _ONE_SIDED = 16, 0.25
 #: Such an edge is that of an image, and not of the object, near to where one ended [m].
 _NEAR_CUT = 0.01
@@ -57,7 +57,7 @@ class TrackedModel(Frozen):
 
     @cached_property
     def open_ends(self) -> Mask:
-        """Which of the points are where the observed surface ends because an image did, (n,).
+        """Mask of points where the observed surface ends at an image border, (n,).
 
         Nothing is known of what is beyond, not even that the object ends there, as its silhouette
         would tell.
@@ -78,7 +78,7 @@ class TrackedModel(Frozen):
 
     @cached_property
     def noise_share(self) -> float:
-        """What wrong normals bring of the whole information, in every direction.
+        """Share of the information that is due to errors of normals, per direction.
 
         Measured: of the observed points at some rigid displacements, the slope of the squared
         distances is what a registration can gain; the normals there promise more. Displaced by more

@@ -1,4 +1,4 @@
-"""Finds an object again that was out of sight, from several starts."""
+"""Relocalization of an object after a gap, from many starting poses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from feasigrasp.models.tracking.view import ObjectView
 #: farther off than 63 degrees.
 _NEARBY = np.vstack([np.zeros(3), *(t * np.eye(3) for t in (0.4, -0.4, 0.8, -0.8))])
 _ALL_ROUND = Rotation.create_group("O")
-#: A coarse search uses so many points; a point counts for it by half so far from the surface [m].
+#: A coarse search uses so many points; a point counts for it by half at this distance from the
+#: surface [m].
 _COARSE, _HALF = 150, 0.006
 #: So many starts nearby, those that fit best, are followed.
 _FOLLOWED = 4
@@ -43,7 +44,7 @@ def reacquire(
     Args:
         model: The object.
         view: An image in which it may be.
-        guesses: Where it may be by now, the likeliest pose first, shape (4, 4) each.
+        guesses: Poses at which it may be, the most probable first, shape (4, 4) each.
         covariance: Of the error [theta, p] of these, shape (6, 6).
         any_orientation: Seed of the turns that are tried where it may have turned by any angle:
             another one in every search, so that some start comes near; None if it has hardly
@@ -52,7 +53,7 @@ def reacquire(
     starts = [(guess, X) for guess in guesses for X in _starts(model, view, guess, _NEARBY)]
     fits = np.array([_fit(model, view, X) for _, X in starts])
     starts = [starts[k] for k in np.argsort(-fits)[:_FOLLOWED]]
-    if any_orientation is not None:  # from so far off nothing can be said before it was followed
+    if any_orientation is not None:  # without information from such a distance
         some = Rotation.from_quat(np.random.default_rng(any_orientation).standard_normal(4))
         turns = (some * _ALL_ROUND).as_rotvec()
         starts += [(guesses[0], X) for X in _starts(model, view, guesses[0], turns)]
@@ -84,7 +85,7 @@ def _fit(model: TrackedModel, view: ObjectView, X_WO: Array) -> float:
 def _starts(model: TrackedModel, view: ObjectView, X_WO: Array, turns: Array) -> Iterator[Array]:
     """Where it is expected, and turned this way and that where the points are."""
     yield X_WO
-    surface = model.gpdf.completion  # what is seen may be a side that was not seen before
+    surface = model.gpdf.completion  # the visible side may be a new one
     for turn in turns:
         X = se3.make_pose(se3.so3_exp(turn) @ X_WO[:3, :3], X_WO[:3, 3])
         R = X[:3, :3]

@@ -1,4 +1,4 @@
-"""Finds the pose of a known object in one image: points to the distance field, and silhouette.
+"""Registration of one image to a distance field and silhouette, by Gauss-Newton steps.
 
 Maximum a posteriori: Gauss-Newton steps on
 
@@ -46,7 +46,7 @@ _MODEL_SIGMA = 5e-4
 #: A point this near to an observed one is on observed surface [m]; beyond, the surface is a guess
 #: that errs by this share of the distance.
 _OBSERVED, _GUESS = 4e-3, 0.5
-#: One so far from any is new, beyond what the sensor's noise explains [m].
+#: One this far from any is new, beyond what the sensor's noise explains [m].
 _NEW = 1e-2
 #: A tangent plane is one for points so near [m] whose field has the same normal (cosine).
 _PLANE, _SAME_SIDE = 5e-3, 0.8
@@ -67,7 +67,7 @@ _SMALL = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Where an image shows the object.
+    """Registered pose of an object in one image.
 
     Attributes:
         X_WO: The most likely pose, shape (4, 4).
@@ -80,7 +80,7 @@ class Registration:
             says more of a side that is new.
         covered: Share of the model's points in view that project onto the object; 0 without any.
         facing: Share of the known surface that faces the camera. Where there is hardly any, the
-            other shares of it say nothing: what is seen is another side.
+            other shares of it say nothing: the visible side is another.
         new: Share of the object's points that are neither on the model nor near any that was
             observed: of a side of which the model is a guess.
     """

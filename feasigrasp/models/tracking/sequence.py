@@ -1,4 +1,4 @@
-"""Tracks an object through a sequence of images, and learns its shape on the way; without Drake."""
+"""Tracks an object through an image sequence and refines its shape, without Drake."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MAX_POINTS = 320
 
 @dataclass(frozen=True, eq=False)
 class LearntShape(Frozen):
-    """What the keyframes have shown.
+    """Shape merged from the keyframes.
 
     Attributes:
         cloud: The merged keyframes, in O.

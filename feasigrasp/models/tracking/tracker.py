@@ -1,12 +1,12 @@
-"""Follows an object by its own distance field, image by image.
+"""Frame-to-model tracking of an object by its distance field.
 
-The frame O is that of the first view: its origin is the middle of what was seen, its axes are those
-of the world. What was seen there is the first keyframe, from which somebody fits a field; once
+The frame O is that of the first view: its origin is the center of the visible points, its axes are
+those of the world. This view is the first keyframe, from which a field is fitted elsewhere; once
 there is one, every image is registered to it, and images that are good enough to teach the model
-something are keyframes again. Until then the middle of what is seen tells how the object moves: a
-quick one would be out of a search's reach otherwise. The pose of a keyframe is the tracked one:
-merging does not move O. An object that is in sight as a whole for a while, and fits no pose, is
-begun anew: what was learnt of it is wrong, or was not its side.
+something are keyframes again. Until then the middle of the observed points gives the object's
+motion: a quick one would be out of a search's reach otherwise. The pose of a keyframe is the
+tracked one: merging does not move O. An object that is in sight as a whole for a while, and fits no
+pose, is begun anew: what was learnt of it is wrong, or was not its side.
 """
 
 from __future__ import annotations
@@ -53,16 +53,16 @@ _MOST_DEVIATION = 5e-3
 #: After so long without a pose the object is searched for from several starts, and again so much
 #: later [s].
 _SEARCH_AFTER, _SEARCH_PERIOD = 0.25, 0.2
-#: After such a gap little in the image is not enough, and any turn is tried [s]; a pose so far from
-#: the expected one is asked for as much as one that was searched for [m].
+#: After such a gap little in the image is not enough, and any turn is tried [s]; a pose this far
+#: from the expected one is asked for as much as one that was searched for [m].
 _LONG_GAP, _LARGE_STEP = 1.0, 0.01
 #: An object that is seen as a whole is not recognised for so long: what is known is given up [s].
 _GIVEN_UP = 0.6
 #: A merged view moves the model by its own error, as one of so many views, and by this share of it
 #: at least: where it shows another side it is the only one.
 _LEAST_SHARE = 0.2
-#: Before there is a model: how far the middle of what is seen moves by itself, as another part of
-#: the object is seen [m].
+#: Before there is a model: how far the center of the visible points moves by itself, as another
+#: part of the object is seen [m].
 _MIDDLE_ERROR = 4e-3
 #: What is known without any image of where a model is: standard deviations [rad, m].
 _UNKNOWN = (0.3, 0.03)
@@ -79,7 +79,7 @@ _STATE = ArrayOf(empty_state().shape, finite=False)
 
 @dataclass(frozen=True, eq=False)
 class FieldTrack(Frozen):
-    """What a tracker knows after an image.
+    """State of the tracker after an image.
 
     Attributes:
         image_time: Time of the last image [s]; -inf before the first.
@@ -128,7 +128,7 @@ class FieldTrack(Frozen):
 
     @checked()
     def state(self, time: float, silence: Bound) -> TrackingState:
-        """What the tracker does at a time."""
+        """Tracking state at a time."""
         if self.estimate is None:
             return TrackingState.SEARCHING
         age = time - self.measured_at
@@ -155,7 +155,7 @@ def track(
         before: What was known before; `FieldTrack` to begin with.
         view: The image.
         time: When it was taken [s]; one not later than the last is ignored.
-        gpdf: The field of what was merged so far, in O; None until there is one. One of views from
+        gpdf: The field of the merged views, in O; None until there is one. One of views from
             before O was begun is of another O, and not used.
         views: From where the merged views were taken.
         held: Whether the hand that carries the camera has the object: it moves with both, and is
@@ -222,7 +222,7 @@ def _along_its_path(before: FieldTrack, last: TwistFilter, gap: float) -> tuple[
 
 
 def _by_middle(before: FieldTrack, view: ObjectView) -> FieldTrack:
-    """Without a model: the middle of what is seen is where the origin of O was put.
+    """Without a model: the center of the visible points is the origin of O.
 
     Not so where the image ends within the object.
     """
@@ -247,11 +247,11 @@ def _by_middle(before: FieldTrack, view: ObjectView) -> FieldTrack:
 def _one_view(information: Array, views: int) -> Array:
     """How far a model may have moved with the view that was merged last: covariance, (6, 6).
 
-    A view errs by as much as an image tells, and all that is measured by the model errs with it. A
-    filter that does not know takes it for a motion.
+    A view errs by the covariance of its image, and all that is measured by the model errs with it.
+    A filter that does not know takes it for a motion.
 
     Args:
-        information: What an image tells, shape (6, 6).
+        information: Information matrix of an image, shape (6, 6).
         views: How many the model is made of.
     """
     share = max(1.0 / max(views, 1), _LEAST_SHARE)
@@ -315,8 +315,8 @@ def _located(
 def _begun(before: FieldTrack, view: ObjectView, time: float) -> FieldTrack:
     """The first view defines O.
 
-    One that is begun anew is turned as the old one was expected to be: what others have still heard
-    of that one, such as its grasps, is near where it was on the object.
+    One that is begun anew is turned as the old one was expected to be: what others have still
+    received of that one, such as its grasps, is near where it was on the object.
     """
     if len(view.points_W) < _FIRST_POINTS:
         return replace(before, image_time=time)

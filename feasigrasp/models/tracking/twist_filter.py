@@ -1,4 +1,4 @@
-"""Pose, twist and acceleration of a moving object, with what is known of them.
+"""Kalman filter for pose, twist and acceleration of a moving object on SE(3).
 
 An error-state Kalman filter. The state is X_WO, V_WO = [w; v], the twist that `se3.extrapolate`
 takes, and the acceleration a of O's origin; its error is ``e = [theta, p, dw, dv, da]`` with
@@ -80,7 +80,7 @@ class TwistFilter(Frozen):
 
     @classmethod
     def at_rest(cls, time: float, X_WO: Array) -> TwistFilter:
-        """An object whose pose is known, and of whose motion nothing is."""
+        """Estimate at rest, with a given pose and unknown motion."""
         sigma = np.concatenate([np.repeat(_POSE_PRIOR, 3), _MOTION_PRIOR])
         return cls(time, X_WO, np.zeros(6), np.zeros(3), np.diag(sigma**2))
 
@@ -91,7 +91,7 @@ class TwistFilter(Frozen):
 
     @cached_property
     def jerk(self) -> Array:
-        """How the acceleration changes on a circle, shape (3,) [m/s^3]: it turns with the way."""
+        """Rate of the acceleration on a circle, shape (3,) [m/s^3]: it turns with the path."""
         v, a = self.V_WO[3:], self.a_WO
         square = max(float(v @ v), _STANDS**2)
         across = a - (a @ v) / square * v
@@ -143,11 +143,11 @@ class TwistFilter(Frozen):
         )
 
     def gone_on(self, X_WO: Array, V_WO: Array) -> TwistFilter:
-        """The same estimate at the pose and twist that a known path leads to."""
+        """The estimate moved to the pose and twist of a predicted path."""
         return replace(self, X_WO=X_WO, V_WO=V_WO, a_WO=np.zeros(3))
 
     def carried(self, before: TwistFilter, X_WO: Array) -> TwistFilter:
-        """The same estimate at the pose that something has carried it to from an earlier one."""
+        """The estimate moved with a carrier from an earlier pose."""
         return self.gone_on(X_WO, pose_error(before.X_WO, X_WO) / (self.time - before.time))
 
     def measured(self, X_WO: Array, information: Array) -> TwistFilter:
@@ -170,7 +170,7 @@ class TwistFilter(Frozen):
         return replace(self, X_WO=X_WO, V_WO=motion[:6], a_WO=motion[6:], covariance=covariance)
 
     def widened(self, covariance: Array) -> TwistFilter:
-        """The same with a further covariance of the pose's error [theta, p], (6, 6)."""
+        """The estimate with added covariance of the pose error [theta, p], (6, 6)."""
         P = self.covariance.copy()
         P[:6, :6] += covariance
         return replace(self, covariance=P)
@@ -193,7 +193,7 @@ def _way(dt: float) -> float:
 
 
 def jerk_of(a_WO: Array) -> float:
-    """How quickly an acceleration (3,) [m/s^2] changes [m/s^2 in 1 s]: square root of a density."""
+    """Process noise of an acceleration (3,) [m/s^2 in 1 s]: square root of a density."""
     return _JERK + _JERK_OF_ACCELERATION * float(np.linalg.norm(a_WO))
 
 

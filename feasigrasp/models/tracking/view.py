@@ -1,6 +1,6 @@
-"""One image of an object, as a tracker uses it: some of its points, and where it is not.
+"""One image of an object for tracking: points, and pixels without the object.
 
-The second is what points alone do not tell: pixels that show something behind the object, so that
+The second is not in the points: pixels that show something behind the object, so that
 no part of it can be there.
 """
 
@@ -30,7 +30,7 @@ _BEHIND = 0.02
 
 @dataclass(frozen=True, eq=False)
 class ObjectView(Frozen):
-    """One image.
+    """One image of an object.
 
     Attributes:
         camera: The camera.
@@ -77,7 +77,7 @@ class ObjectView(Frozen):
 
     @checked(CameraError)
     def beside(self, points_C: Annotated[Array, POINTS]) -> tuple[Mask, Array]:
-        """Which points of a model are where the camera saw none of it, and the way back.
+        """Mask of model points at pixels without the object, and their distance to it.
 
         Args:
             points_C: Shape (n, 3) [m].
@@ -109,7 +109,7 @@ class ObjectView(Frozen):
 
     @checked(CameraError)
     def on_object(self, points_C: Annotated[Array, POINTS]) -> Mask:
-        """Which points (n, 3) of a model are where the camera saw some of it, shape (n,).
+        """Mask of model points (n, 3) at pixels of the object, shape (n,).
 
         All of them, if nothing is known of what is beside the object.
         """
@@ -125,7 +125,7 @@ class ObjectView(Frozen):
 
     @checked(CameraError)
     def hidden(self, points_C: Annotated[Array, POINTS]) -> Mask:
-        """Which points (n, 3) inside the image something nearer hides, or nothing was measured at.
+        """Mask of model points (n, 3) that are occluded or at pixels without depth.
 
         None, if nothing is known of what is beside the object.
         """

@@ -1,4 +1,4 @@
-"""Runs the simulated cell behind its drivers' messages, and judges what a controller did there."""
+"""Runs the simulated cell behind driver messages, and evaluates the run."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class ReceivedCommands:
 
         Args:
             lcm: The bus.
-            now: Tells the simulated time [s].
+            now: Clock of the simulated time [s].
         """
         self.requests: list[float] = []
         self.unusable = self.late = 0
@@ -69,14 +69,14 @@ class ReceivedCommands:
 
     @property
     def first(self) -> float | None:
-        """When something was asked of the guard first [s]; None before.
+        """Time of the first request to the guard [s]; None before.
 
         A guard that serves holds the arm where it is until then.
         """
         return self.requests[0] if self.requests else None
 
     def positions(self, q_start: Array) -> Array:
-        """Where the arm was, then the positions sent, in their order, shape (m + 1, 7) [rad].
+        """Initial positions, then the commanded ones, in order, shape (m + 1, 7) [rad].
 
         Args:
             q_start: Where the arm was before the first command [rad], shape (7,).
@@ -86,8 +86,8 @@ class ReceivedCommands:
     def velocities(self, q_start: Array) -> Array:
         """From each of `positions` to the next [rad/s], shape (m, 7).
 
-        NaN where commands were missing in between, sent or not: of what is not heard nothing can be
-        said but how often it was so.
+        NaN where commands were missing in between, sent or not: of what is not received nothing can
+        be said but how often it was so.
         """
         ticks = np.round(np.array(self._utime) / (1e6 * channels.IIWA_PERIOD))
         next_to = np.diff(ticks, prepend=ticks[:1] - 1.0) == 1.0
@@ -96,7 +96,7 @@ class ReceivedCommands:
 
     @property
     def missing(self) -> int:
-        """How many periods of the driver went without a command, from the first to the last."""
+        """Number of driver periods without a command, from the first to the last."""
         if not self._utime:
             return 0
         lasted = 1e-6 * (self._utime[-1] - self._utime[0]) / channels.IIWA_PERIOD
@@ -134,8 +134,8 @@ def simulate_cell(
         line: Where to say how far the run is.
 
     Returns:
-        The record of a run; what the controller knew (grasps, status) is not in it, and what was
-        heard of the controller is under ``hardware``.
+        The record of a run; the controller's internal state (grasps, status) is not in it, and what
+        was received from the controller is under ``hardware``.
     """
     record = crash_record(scenario, name, "")
     error = None
@@ -143,7 +143,7 @@ def simulate_cell(
         built = time.perf_counter()
         lcm = channels.open_lcm(lcm_url)
         received = ReceivedCommands(lcm, lambda: simulator.get_context().get_time())
-        # The simulation may be slow, but not deaf: a driver hears its commands.
+        # The simulation may be slow, but a driver receives its commands.
         with real_time(DRIVER, main=False):
             diagram = make_simulated_cell(scenario, lcm)
             simulator = Simulator(diagram)
@@ -175,7 +175,7 @@ def _judged(
     *,
     broke_off: bool,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The metrics of a run, and what was heard of the controller."""
+    """The metrics of a run, and what was received from the controller."""
     log = diagram.GetSubsystemByName("log(arm)").FindLog(context)
     q, v = np.split(log.data().T, 2, axis=1)
     _, _, metrics = measured(diagram, context, scenario, broke_off=broke_off, sent=q)
@@ -280,7 +280,7 @@ class _Monitor:
 
         One that took longer is not made up for by shorter ones, as Drake's own rate would: a
         driver's messages do not come in bursts. Whoever answers a status, which has been sent
-        by now, has half a period at least, however late the simulation was with it.
+        at present, has half a period at least, however late the simulation was with it.
         """
         ticks = int(now / channels.IIWA_PERIOD + 1e-6)
         if ticks > self._ticks:

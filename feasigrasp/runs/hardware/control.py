@@ -1,4 +1,4 @@
-"""Runs a scenario's pipeline on the drivers of a cell, real or simulated."""
+"""Runs the pipeline of a scenario on the drivers of a cell, real or simulated."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def run_hardware(
 
     Returns:
         A result without samples, with a record whose metrics are None: what happened, only who sees
-        the cell can tell. Its ``error`` says if there is no driver, or no guard.
+        the cell reports. Its ``error`` says if there is no driver, or no guard.
 
     Raises:
         HardwareError: There is no such bus, or somebody commands the arm already.
@@ -77,7 +77,7 @@ def run_hardware(
             guard.refuse_if_commanded(lcm)
         connect = partial(add_run_log, period=scenario.control.period) if log else None
         loop, commands = ControlLoop(scenario, lcm, connect), _Commands(lcm)
-        # What is alive by now stays: not worth traversing again, least of all between two ticks.
+        # What is alive here stays: not worth traversing again, least of all between two ticks.
         gc.freeze()
         watch = _OwnGuard(lcm_url, scenario.control.speed) if own_guard else None
         started = time.perf_counter()
@@ -173,7 +173,7 @@ class _Commands:
         self._received = True
 
     def expect(self, time_: float) -> None:
-        """Raises if nobody has, so long after the start [s]."""
+        """Raises an error without commands, this long after the start [s]."""
         if not self._received and time_ > WAIT_FOR_GUARD:
             raise HardwareError(
                 f"no message on {channels.IIWA_COMMAND} for {WAIT_FOR_GUARD:g} s: no guard does "

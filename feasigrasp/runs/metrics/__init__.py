@@ -1,1 +1,1 @@
-"""What a run is judged by: figures of its samples, its ticks and the object in it."""
+"""Metrics of a run."""

@@ -1,4 +1,4 @@
-"""Why a run did not hold its object."""
+"""Failure cause of a run without grasp success."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PUSHED_AWAY = 50.0
 
 
 class Cause(StrEnum):
-    """What kept a run from holding its object; the first in this order that applies."""
+    """Failure cause of a run; the first in this order that applies."""
 
     BROKE_OFF = "broke_off"
     NOTHING_SEEN = "nothing_seen"
@@ -33,11 +33,11 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What the rules look at.
+    """Data of a run for the classification of failures.
 
     Attributes:
         samples: By name, the samples of the run, see `feasigrasp.systems.metrics.SAMPLE_NAMES`.
-        truth: What happened to the object; None if nobody looked.
+        truth: What happened to the object; None if not measured.
         pushed_mm: How far it was pushed before the fingers closed [mm]; None likewise.
     """
 
@@ -56,7 +56,7 @@ class Course:
         return bool(np.isnan(self.samples["view_age"][-1]))
 
     def had(self, grasps: str) -> bool:
-        """Whether there ever were ``grasps``, or nobody knows: only the controller does (NaN)."""
+        """Whether there ever were ``grasps``, or they are not recorded (NaN)."""
         return bool(self.samples[grasps].any())
 
     @property
@@ -90,5 +90,5 @@ _RULES: dict[Cause, Callable[[Course], bool]] = {
 
 
 def cause_of(run: Course) -> Cause:
-    """The cause of a run that does not hold; ``docs/results_schema.md`` says each rule in words."""
+    """Failure cause of a run without grasp success; rules in ``docs/results_schema.md``."""
     return next(cause for cause in Cause if _RULES[cause](run))

@@ -1,4 +1,4 @@
-"""How the object was handled: pushed, touched too early, moved in the hand, held."""
+"""Metrics of the object: displacement, premature contact, in-hand motion, grasp success."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ON_PATH_AFTER = 0.3
 
 @dataclass(frozen=True, eq=False)
 class ObjectTruth:
-    """What the simulation says of the object, beside the samples.
+    """True object data of the simulation, beside the samples.
 
     Attributes:
         path: Where its motion would have it at every sample, shape (n, 4, 4) [m].
@@ -39,7 +39,7 @@ class ObjectTruth:
 def pushed_metrics(
     X_WO: Array, X_WP: Array, approach: Mask, period: float
 ) -> dict[str, float | None]:
-    """How far the object was pushed off its path before the fingers closed.
+    """Object displacement before closing.
 
     Args:
         X_WO: True pose of the object, shape (n, 4, 4) [m].
@@ -80,7 +80,7 @@ def closing_speed(X_WP: Array, phase: Array, period: float) -> float | None:
 
 
 def contact_metrics(contact: Array) -> dict[str, float | None]:
-    """How arm and hand touched the object before the fingers closed.
+    """Premature contact: arm or hand with the object before closing.
 
     Args:
         contact: How long the hand approached, how long of it there was contact [s], and the

@@ -1,4 +1,4 @@
-"""Whether the arm kept its velocity and acceleration limits, by the positions that it was sent."""
+"""Violations of velocity and acceleration limits by the commanded positions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WINDOW = 0.02
 
 @dataclass(frozen=True, eq=False)
 class JointTicks:
-    """What the arm was sent and what it did, at every tick of the control.
+    """Commands and states of the arm at every control tick.
 
     Attributes:
         sent: Desired joint positions, which are what a real arm is sent [rad], shape (m, 7).

@@ -1,4 +1,4 @@
-"""A second model of the robot, to judge runs by: what is seen of it collides, and it has weight.
+"""Independent reference model of the robot, for collision and torque metrics.
 
 Nothing here is shared with what controls the arm or with what the simulation collides: the shapes
 are cut out of the visible meshes, the distances and the gravity torques are Drake's.
@@ -44,7 +44,7 @@ SLICES = {"iiwa_link_5": 12}
 
 
 def reference_robot(directives: Sequence[ModelDirective]) -> ReferenceRobot:
-    """The twin of a cell, made once for a process."""
+    """The reference model of a cell, cached per process."""
     return _reference_robot(yaml_dump_typed(ModelDirectives(directives=list(directives))))
 
 
@@ -123,7 +123,7 @@ class ReferenceRobot:
         return self._scene_graph.get_query_output_port().Eval(context)
 
     def _add_hulls(self, body: RigidBody) -> list[GeometryId]:
-        """Gives a body the hulls of what is seen of it as collision geometry."""
+        """Gives a body the hulls of its visual geometry as collision geometry."""
         inspector = self._scene_graph.model_inspector()
         hulls: list[GeometryId] = []
         for visual in self.plant.GetVisualGeometriesForBody(body):

@@ -1,4 +1,4 @@
-"""Self-collision and joint torques of a run, by a second model of the robot."""
+"""Self-collision and joint-torque metrics, by the independent reference model."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.runs.metrics.reference_robot import ReferenceRobot
 
-#: Distances of the robot to itself are told up to here [m].
+#: Largest self-distance that is computed [m].
 NEAR = 0.05
 #: Torques are clamped at their limits, so what comes this near has reached them (relative).
 _ROUNDING = 1e-6
@@ -24,8 +24,8 @@ def self_collision_metrics(reference: ReferenceRobot, Q: Array) -> dict[str, flo
     """
     distances = reference.self_distances(Q, NEAR)
     names = [{reference.names[a], reference.names[b]} for a, b in reference.pairs]
-    told = distances[:, [pair != _FORK for pair in names]]
-    nearest = float(told.min(initial=np.inf))
+    checked = distances[:, [pair != _FORK for pair in names]]
+    nearest = float(checked.min(initial=np.inf))
     return {
         "self_collision_percent": 100.0 * float(np.mean((distances < 0.0).any(axis=1))),
         "self_distance_min_mm": 1e3 * nearest if np.isfinite(nearest) else None,
@@ -41,7 +41,7 @@ def torque_metrics(
     actuation and the weight of arm, hand and camera.
 
     Args:
-        reference: Knows the weight.
+        reference: Model with the weight.
         Q: Joint positions, shape (m, 7) [rad].
         actuation: Torques of the simulated motors at the same times, shape (m, 7) [Nm].
     """

@@ -1,4 +1,4 @@
-"""Sums up the samples of a run into the figures of the dynamic test."""
+"""Aggregates the samples of a run into its metrics."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def summarize(
     }
     X_OH = se3.make_pose(se3.so3_exp(_vector(x, "r_OH")), np.zeros(3))
     X_OH[:, :3, 3] = -np.einsum("nij,nj->ni", X_OH[:, :3, :3], p_HO)
-    if not np.isnan(x["reachable_grasps"]).any():  # else nobody knows of grasps
+    if not np.isnan(x["reachable_grasps"]).any():  # else grasps are not recorded
         without = np.isnan(x["grasp_position_error"])
         result["no_grasp_percent"] = 100.0 * float(np.mean(without))
         result |= tracking_metrics(
@@ -162,7 +162,7 @@ def summarize(
 
 
 def not_held(cause: Cause) -> dict[str, Value]:
-    """What the metrics say of an object that was not held."""
+    """Metrics of an object that was not held."""
     return {"grasp_held": False, "held_after_s": None, "cause": str(cause)}
 
 

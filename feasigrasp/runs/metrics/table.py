@@ -11,7 +11,7 @@ from enum import StrEnum
 
 
 class Subject(StrEnum):
-    """What metrics are about; the console prints them in this order."""
+    """Subject of metrics, in the order of the console."""
 
     GRASP = "grasp"
     APPROACH = "approach"
@@ -21,7 +21,7 @@ class Subject(StrEnum):
 
 
 class Over(StrEnum):
-    """How the figures of many runs become one row of a summary."""
+    """Aggregation of many runs into one summary row."""
 
     MEAN = "mean over objects"
     SHARE = "share of runs, over objects"
@@ -32,7 +32,7 @@ class Over(StrEnum):
 
 @dataclass(frozen=True)
 class Figure:
-    """One row of a summary.
+    """A row of a summary.
 
     Attributes:
         name: Row name without the command, e.g. ``held_percent``.
@@ -68,7 +68,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Metric:
-    """One metric of a run.
+    """A metric of a run.
 
     Attributes:
         subject: What it is about.

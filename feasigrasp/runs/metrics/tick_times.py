@@ -1,4 +1,4 @@
-"""How long a controller takes, tick by tick."""
+"""Computation times of a controller, per tick."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Pictures of what was perceived."""
+"""Pictures of perception results."""

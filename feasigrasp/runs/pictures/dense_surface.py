@@ -1,4 +1,4 @@
-"""The completed surface as evenly spread points, for pictures."""
+"""Dense sampling of the completed surface, for pictures."""
 
 from __future__ import annotations
 

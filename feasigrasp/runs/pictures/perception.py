@@ -1,4 +1,4 @@
-"""A perception as a picture: what was measured, what was completed, and grasps."""
+"""Picture of a perception result: cloud, completed surface and grasps."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def add_scale(
 UNCERTAINTY_COLORS = LinearSegmentedColormap.from_list(
     "uncertainty", ["#1f6fe0", "#7d5fd3", "#d6409f", "#ff8a3c", "#ffd23f"]
 )
-#: Distance from what was seen at which the colours end [m].
+#: Distance from the observed surface at which the colours end [m].
 MOST_UNCERTAIN = 0.03
 #: Diameter of the dots of a surface [points], wide enough to close it.
 DOT = 5.5
@@ -124,7 +124,7 @@ GRASP_COLOR = "#10a040"
 
 
 def upward(perception: Perception) -> Array:
-    """What is up: against y in a camera's own frame (origin in the camera), else along z."""
+    """Up direction: -y in a camera's own frame (origin in the camera), else z."""
     in_camera = perception.viewpoint is not None and not perception.viewpoint.any()
     return np.array([0.0, -1.0, 0.0] if in_camera else [0.0, 0.0, 1.0])
 
@@ -137,7 +137,7 @@ def towards_viewer(perception: Perception) -> Array:
 
 
 def uncertainty_colors(gpdf: Gpdf, surface: SurfacePoints) -> Array:
-    """Colours of completed points, from seen to made up, shape (n, 3)."""
+    """Colors of completed points by uncertainty, shape (n, 3)."""
     share = distance_from_seen(gpdf, surface.variance) / MOST_UNCERTAIN
     return np.asarray(UNCERTAINTY_COLORS(np.clip(share, 0.0, 1.0)))[:, :3]
 
@@ -194,7 +194,10 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
     frame(axes[3], front, np.concatenate([everything, lines.reshape(-1, 3)]))
     scale_bar(axes[3])
 
-    label, place = "uncertainty: distance from what was seen [mm]", (0.375, 0.075, 0.25, 0.022)
+    label, place = (
+        "uncertainty: distance from the observed surface [mm]",
+        (0.375, 0.075, 0.25, 0.022),
+    )
     add_scale(figure, UNCERTAINTY_COLORS, 1e3 * MOST_UNCERTAIN, label, place)
     figure.suptitle(title, y=0.985, fontsize=12)
     save_figure(figure, filename, dpi=100)

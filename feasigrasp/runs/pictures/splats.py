@@ -1,4 +1,4 @@
-"""Pictures of points with normals: shaded dots, hidden where they face away, seen from anywhere."""
+"""Software renderer for points with normals, by splatting with back-face culling."""
 
 from __future__ import annotations
 

@@ -1,16 +1,39 @@
-"""The arguments that many commands take, and how they are read and written again."""
+"""Common arguments of commands, and their serialization."""
 
 from __future__ import annotations
 
 import argparse
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import joblib
 
 from feasigrasp.errors import MeshError
 from feasigrasp.models.objects.rigid_object import RigidObject, builtin_objects, find_objects
+
+
+class FormerOption(argparse.Action):
+    """A former name of an option: works for one release, with a warning that names the new one."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, **options: Any) -> None:
+        """Hides the option from the help; its default is that of the new one."""
+        options |= {"default": argparse.SUPPRESS, "help": argparse.SUPPRESS}
+        super().__init__(option_strings, dest, **options)
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        """Stores the value under the new name, with a warning."""
+        new = "--" + self.dest.replace("_", "-")
+        print(f"{option_string} is now {new}; the next release does not read it", file=sys.stderr)
+        setattr(namespace, self.dest, values)
 
 
 def add_run_arguments(parser: argparse.ArgumentParser, *, out: str, jobs: bool = True) -> None:
@@ -100,7 +123,7 @@ def command_line(args: argparse.Namespace, command: str) -> str:
 
 
 def print_notes(obj: RigidObject) -> None:
-    """Says what the loader had to repair, or could not do."""
+    """Prints repairs and warnings of the mesh loader."""
     for note in obj.notes:
         print(f"note: {obj.name}: {note}", file=sys.stderr)
 

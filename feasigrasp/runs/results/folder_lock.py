@@ -1,4 +1,4 @@
-"""One command at a time in a folder of results."""
+"""Lock of a result folder: one command at a time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LOCK = ".lock"
 
 @contextmanager
 def only_one_in(folder: Path) -> Iterator[None]:
-    """Waits until no other command writes to a folder, and says that it does.
+    """Waits for the lock of a folder, with a message.
 
     The lock is the kernel's: it ends with its process, however that ends, so none is left behind.
     """

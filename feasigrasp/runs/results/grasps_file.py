@@ -1,4 +1,4 @@
-"""Grasps in a JSON file, for other programs: arm, simulator, or a picture of somebody's own."""
+"""JSON format of grasps for other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ctrl-C, and what was computed until then."""
+"""Handling of Ctrl-C: partial results are kept."""
 
 from __future__ import annotations
 

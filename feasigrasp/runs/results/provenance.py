@@ -1,4 +1,4 @@
-"""What a result was made with: versions, revision, machine."""
+"""Provenance of a result: versions, revision, machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The files that ``feasigrasp evaluate`` and ``feasigrasp bench`` leave behind."""
+"""Result rows of ``feasigrasp evaluate`` and ``feasigrasp bench``, and their files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from feasigrasp.runs.results.statistics import Estimate, proportion
 
 @dataclass(frozen=True)
 class Row:
-    """One figure of a summary.
+    """A row of a summary.
 
     Attributes:
         name: What is measured, e.g. ``dynamic.held_percent``.
@@ -125,7 +125,7 @@ def write_summary(
 
 
 def format_rows(rows: Sequence[Row]) -> str:
-    """One line per row: name, preset, value with its interval, unit, number of samples."""
+    """A line per row: name, preset, value with its interval, unit, number of samples."""
     names = max((len(row.name) for row in rows), default=0)
     presets = max((len(row.preset) for row in rows), default=0)
     lines = []
@@ -141,7 +141,7 @@ def format_rows(rows: Sequence[Row]) -> str:
 def report_rows(
     args: argparse.Namespace, command: str, rows: Sequence[Row], table: str = "", **more: Any
 ) -> None:
-    """Ends a command: prints its rows, writes ``summary.json`` and says what lies beside it.
+    """Prints the rows of a command and writes ``summary.json``.
 
     Args:
         args: Arguments of the command, as `add_common_arguments` makes them.

@@ -1,4 +1,4 @@
-"""Figures of repeated runs and of scores, with their intervals."""
+"""Statistics of repeated runs and of scores, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def mean_of_objects(
 def share_of_objects(outcomes: ArrayLike, objects: Sequence[Hashable]) -> Estimate:
     """A share of runs in [0, 1]: the mean over objects of each one's share.
 
-    Its interval is that of `mean_of_objects`. Where all runs agree, drawing anew tells nothing:
+    Its interval is that of `mean_of_objects`. Where all runs agree, resampling has no information:
     then it is Wilson's for as many trials as there are objects, as if each had been tried once.
     Runs of a single object have Wilson's interval over the runs.
 

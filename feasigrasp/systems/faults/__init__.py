@@ -1,1 +1,1 @@
-"""Systems that let something go wrong, between two others, and where they go."""
+"""Systems that inject faults between two others."""

@@ -1,4 +1,4 @@
-"""A controller that does not always command what it should, or whose solver gives up."""
+"""Fault injection into joint velocity commands."""
 
 from __future__ import annotations
 

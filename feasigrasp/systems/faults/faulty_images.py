@@ -1,4 +1,4 @@
-"""A depth camera, and a mask of the object, that do not always tell the truth."""
+"""Fault injection into depth images and object masks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A measurement of the object's pose that is not always true."""
+"""Fault injection into the measured object pose."""
 
 from __future__ import annotations
 

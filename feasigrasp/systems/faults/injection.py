@@ -1,4 +1,4 @@
-"""Puts a scenario's faults between the systems of a diagram; without faults nothing changes."""
+"""Inserts the faults of a scenario into a diagram."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class FaultInjection:
         return cloud
 
     def mask(self, labels: OutputPort, label: int) -> OutputPort:
-        """The label image by which the object is told, under ``label``."""
+        """The label image of the object, under ``label``."""
         for number, fault in self._of(MaskFault):
             labels = self._insert(number, FaultyMask(fault, label), label_image=labels)
         return labels

@@ -1,4 +1,4 @@
-"""A perception that takes longer than it should."""
+"""Fault injection: delayed distance fields."""
 
 from __future__ import annotations
 

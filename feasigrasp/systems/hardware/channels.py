@@ -1,4 +1,4 @@
-"""What goes over the wire: channels, message types and rates.
+"""LCM channels, message types and rates of the cell.
 
 Those of ``IIWA_*`` are what drake-iiwa-driver reads and writes in position mode, ``SCHUNK_WSG_*``
 drake-schunk-driver's, ``DRAKE_RGBD_CAMERA_IMAGES_*`` what Drake's own camera publishers send. All
@@ -44,7 +44,7 @@ def image_channel(camera: str) -> str:
 
 
 def inbound(scenario: Scenario) -> dict[str, type]:
-    """What a controller of the scenario listens to: the type of message of every channel."""
+    """Input channels of a controller of the scenario, with message types."""
     return {
         IIWA_STATUS: lcmt_iiwa_status,
         WSG_STATUS: lcmt_schunk_wsg_status,
@@ -75,7 +75,7 @@ def open_lcm(url: str) -> DrakeLcm:
 
 
 def _is_bus(url: str) -> bool:
-    """Whether LCM knows such a URL; one that it does not know, it takes, and says nothing there."""
+    """Whether LCM supports a URL; an unsupported one it accepts, and stays silent there."""
     parts = urlsplit(url)
     if parts.scheme in ("memq", "file"):
         return True

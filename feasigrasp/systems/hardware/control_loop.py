@@ -1,4 +1,4 @@
-"""Lets a diagram's time follow the clock of the arm's status messages."""
+"""Advances a diagram with the clock of the arm's status messages."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _FINGERPRINT, _NUMBER, _STAMP = 8, 4, struct.Struct(">q")
 class Intake:
     """Keeps the newest message of each channel, and hands them on to a diagram's own bus.
 
-    Of the arm's status it keeps all that it gets, in their order. Of those that come while nobody
+    Of the arm's status it keeps all that it gets, in their order. Of those that come while no one
     listens, pydrake's bus keeps the newest.
 
     A diagram that listened itself would take whatever comes last: a message that was overtaken, one
@@ -65,7 +65,7 @@ class Intake:
         ]
 
     def receive(self, timeout: float) -> None:
-        """Takes in what has arrived; if nothing has, waits for so long [s]."""
+        """Processes arrived messages; waits up to a timeout [s] for the first."""
         self._lcm.HandleSubscriptions(round(1e3 * timeout))
 
     def oldest(self) -> int | None:
@@ -96,7 +96,7 @@ class Intake:
         def take(data: bytes) -> None:
             at = self._stamp_at[channel]
             whole = len(data) >= at + _STAMP.size and data.startswith(fingerprint)
-            # The arm's driver sends -1 until it knows how its clock and the robot's are related.
+            # The arm's driver sends -1 until its clock and the robot's are synchronized.
             utime = _STAMP.unpack_from(data, at)[0] if whole else -1
             usable = utime > self._utime.get(channel, -1)
             if usable and kind is lcmt_iiwa_status:
@@ -114,7 +114,7 @@ class Intake:
 
 
 def _has_positions(data: bytes) -> bool:
-    """Whether a status is whole and tells the positions of all joints."""
+    """Whether a status is whole and has the positions of all joints."""
     try:
         measured = lcmt_iiwa_status.decode(data).joint_position_measured
     except (ValueError, struct.error):
@@ -156,7 +156,7 @@ class ControlLoop:
         self._remote = remote_stages(self.diagram)
         for stage in self._remote:
             stage.worker.wait_until_ready()
-        # Now: what comes while nobody listens is old when it is heard.
+        # Now: what comes while no one listens is old when it is received.
         self.intake = Intake(lcm, channels.inbound(scenario), inbox)
         self.started = False
         self.image_to_grasps: list[float] = []

@@ -1,4 +1,4 @@
-"""The process that commands the arm: it outlives the controller, and brakes when that is silent."""
+"""Command guard process: outlives the controller, and brakes on its timeout."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class Guard:
         ]
 
     def serve(self) -> None:
-        """Works until it is told to end, or the controller that has started it is no more.
+        """Works until it is terminated, or its controller has ended.
 
-        It never leaves an arm that moves, unless there is no driver to tell any more.
+        It never leaves an arm that moves, unless there is no driver any more.
 
         Raises:
             HardwareError: Somebody commands the arm already.
@@ -73,7 +73,7 @@ class Guard:
         return self._guard.moving and time.monotonic() - self._answered_at < 1.0
 
     def _receive(self, _: bytes) -> None:
-        # It hears what it says itself, too: more than that is somebody else's. Only at rest: who
+        # It receives its own messages, too: more than that is another sender's. Only at rest: who
         # commands an arm that moves does not leave it.
         self._received += 1
         self._rival |= self._received > self._reported and not self._guard.moving
@@ -110,7 +110,7 @@ class Guard:
 
 
 def refuse_if_commanded(lcm: DrakeLcm) -> None:
-    """Listens for a while whether somebody commands the arm.
+    """Listens for other commands to the arm, and raises an error if there are any.
 
     Raises:
         HardwareError: Somebody does.
@@ -126,7 +126,7 @@ def refuse_if_commanded(lcm: DrakeLcm) -> None:
 
 
 def main(url: str, begun: Callable[[], None], *, speed: float = 1.0, alone: bool = False) -> None:
-    """A guard as a process of its own, which SIGTERM ends as soon as its arm rests.
+    """Process of a guard; SIGTERM ends it as soon as its arm rests.
 
     Args:
         url: Where driver and controller are.

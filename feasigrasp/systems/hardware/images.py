@@ -1,4 +1,4 @@
-"""The images of a simulated camera as messages."""
+"""Publishes the images of a simulated camera as messages."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class RgbdReceiver(LeafSystem):
     the camera measured nothing (0 or 65535 millimetres); ``label_image`` is ``ImageLabel16I``, all
     0 if no mask came with the depth; ``stamp`` is V1, the time stamp of the message [s], NaN before
     the first. An image of another size or kind than expected counts as one without depth. Drake's
-    own ``LcmImageArrayToImages`` believes the size that a message claims, reads beyond its end, and
+    own ``LcmImageArrayToImages`` trusts the size in a message, reads beyond its end, and
     takes 0 mm for a depth.
     """
 

@@ -1,4 +1,4 @@
-"""A motion-capture system's measurements as messages."""
+"""Publishes motion-capture measurements as messages."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ROW = 8  # time, then the pose as it is sent
 
 
 class ObjectPoseSender(LeafSystem):
-    """What a motion-capture system would say of an object: noisy, late, and at times nothing.
+    """Publishes object poses of a simulated motion-capture system, with noise, delay and loss.
 
     .. pydrake_system::
 
@@ -76,7 +76,7 @@ class ObjectPoseReceiver(LeafSystem):
         - stamp
 
     ``message`` is an ``lcmt_robot_state`` with the positions `POSE_NAMES` in that order, ``pose``
-    the ``RigidTransform`` X_WO, NaN where the message tells none, ``stamp`` its time stamp, V1 [s].
+    the ``RigidTransform`` X_WO, NaN where the message has none, ``stamp`` its time stamp, V1 [s].
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""The priority of what must not wait for other work."""
+"""Real-time priority of time-critical processes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CONTROL, DRIVER = 1, 2
 
 @contextmanager
 def real_time(priority: int, *, main: bool = True) -> Iterator[None]:
-    """Asks for a priority of real time for the threads of this process, as long as it lasts.
+    """Context with real-time priority for the threads of this process.
 
     For those that there are: the one in which a message bus receives begins with the first
     subscription. What they start themselves, such as a process that perceives, has no priority.

@@ -1,4 +1,4 @@
-"""The other side of the wire: a simulated cell that knows only its drivers' messages."""
+"""Simulated cell behind driver messages."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class SimulatedIiwaDriver(LeafSystem):
 
 
 class Handover(LeafSystem):
-    """Whoever carries the object lets it go once it is gripped; and what the gripper is doing.
+    """Release by the carrier after the grip, and the phase of the gripper.
 
     .. pydrake_system::
 
@@ -117,10 +117,10 @@ class Handover(LeafSystem):
         - phase
 
     ``target`` is the commanded distance between the pads [m], ``gripper_state`` the measured one
-    and its rate. The phases are told by the gripper alone: it closes, and if something is between
+    and its rate. The phases follow from the gripper alone: it closes, and if something is between
     the pads when they have squeezed it for ``squeeze_time``, that is let go; lift, shake and hold
     last as long as the scenario says. ``gripper_position`` is what the fingers are sent: a gripper
-    that is told to close squeezes with all its force, however wide the object is.
+    with the command to close squeezes with all its force, however wide the object is.
     """
 
     PERIOD = 0.01
@@ -130,7 +130,7 @@ class Handover(LeafSystem):
     _LATE = 0.3
 
     def __init__(self, config: GraspSequenceConfig, gripper: ParallelGripper) -> None:
-        """A carrier that knows how long a grasp takes."""
+        """A carrier with a given duration of a grasp."""
         super().__init__()
         self._config, self._gripper = config, gripper
         self._target = self.DeclareVectorInputPort("target", 1)
@@ -231,7 +231,7 @@ class _Messages(LeafSystem):
 
 
 def _with_true_mounts(scenario: Scenario) -> Scenario:
-    """The scenario with its cameras where they are, and not where they are believed to be."""
+    """The scenario with its cameras at their true instead of their calibrated poses."""
     true = copy.deepcopy(scenario)
     for name, error in make_hand_eye(scenario).items():
         X_CB = RigidTransform(calibration_error(error, scenario.random_seed))
@@ -315,7 +315,7 @@ def _add_gripper(
     )
     builder.Connect(handover.GetOutputPort("object_hold"), station.GetInputPort("object.hold"))
     status = builder.AddNamedSystem("wsg_status", SchunkWsgStatusSender())
-    force = builder.AddNamedSystem("wsg_force", ConstantVectorSource([0.0]))  # nobody reads it
+    force = builder.AddNamedSystem("wsg_force", ConstantVectorSource([0.0]))  # it has no reader
     builder.Connect(state, status.get_input_port(0))
     builder.Connect(force.get_output_port(), status.get_input_port(1))
     period = channels.WSG_PERIOD

@@ -1,4 +1,4 @@
-"""The robot cell as its drivers present it: the station's ports, made of messages."""
+"""The station's ports on top of driver messages."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class HardwareStation(Diagram):
 
     Attributes:
         plant: The cell without the object: the frames that cameras are mounted on.
-        request: The publisher of what is asked of the guard; it publishes when it is told to.
+        request: The publisher of what is asked of the guard; it publishes on request.
     """
 
     #: Labels of object and robot in masks.
@@ -195,7 +195,7 @@ class HardwareStation(Diagram):
     def _add_camera(
         self, builder: DiagramBuilder, name: str, camera: CameraConfig, then: PositionAt
     ) -> None:
-        """Exports a camera's ports; ``then`` tells the joints at the instant of its images."""
+        """Exports a camera's ports; ``then`` gives the joints at the instant of its images."""
         receiver = RgbdReceiver(camera.width, camera.height)
         builder.AddNamedSystem(f"{name}_images", receiver)
         channel = channels.image_channel(name)

@@ -1,1 +1,1 @@
-"""Systems that watch the others: what is going on, how well, and how it looks."""
+"""Systems for monitoring: status, metrics, visualization."""

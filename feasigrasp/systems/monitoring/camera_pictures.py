@@ -1,4 +1,4 @@
-"""Keeps what a camera saw, with the pixels that were taken for the object, as small pictures."""
+"""Stores camera images with the segmented object as small pictures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WIDTH, QUALITY = 240, 60
 
 
 class Picture(NamedTuple):
-    """One picture.
+    """A stored picture.
 
     Attributes:
         time: When it was taken [s].

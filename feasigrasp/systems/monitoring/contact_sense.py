@@ -1,4 +1,4 @@
-"""Notices by the arm's external torques that it has touched something on its way."""
+"""Detects unexpected contact by the arm's external joint torques."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from feasigrasp.systems.ports import weakly
 
 
 class ContactSense(LeafSystem):
-    """Says that, and how, the arm has been touched before the fingers close.
+    """Detects contact of the arm before the fingers close.
 
     .. pydrake_system::
 

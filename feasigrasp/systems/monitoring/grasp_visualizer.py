@@ -1,4 +1,4 @@
-"""Draws what perception believes and what the arm may do about it onto the object."""
+"""Draws the completed surface and the grasps in Meshcat."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from feasigrasp.systems.ports import declare_input, weakly
 REACHABLE, DROPPED = Rgba(0.10, 0.80, 0.25), Rgba(0.35, 0.35, 0.40, 0.4)
 #: Colours of completed surface that was seen, and that was made up.
 SEEN, INVENTED = np.array([0.10, 0.50, 1.0]), np.array([1.0, 0.15, 0.55])
-#: Distance to what was seen [m] at which a point counts as seen, and as made up.
+#: Distance to the observed surface [m] at which a point counts as observed, and as made up.
 SEEN_WITHIN, INVENTED_BEYOND = 0.002, 0.010
 #: Radius of the discs that show the completed surface, and how far outside it they lie [m].
 DISC_RADIUS, DISC_LIFT = 0.0045, 0.001
@@ -53,7 +53,7 @@ class _Flipbook:
         self._count = 0
 
     def turn(self, time: float) -> str:
-        """Hides the picture shown so far and returns the path for the next."""
+        """Hides the present picture and returns the path for the next."""
         self.hide(time)
         path = f"{self._path}/{self._count}"
         self._count += 1
@@ -69,7 +69,7 @@ class _Flipbook:
 
 
 class GraspVisualizer(LeafSystem):
-    """Shows the completed surface and the candidate grasps in Meshcat, where they are believed.
+    """Shows completed surface and grasp candidates in Meshcat, at the estimated pose.
 
     .. pydrake_system::
 
@@ -83,7 +83,7 @@ class GraspVisualizer(LeafSystem):
 
     ``perceived`` is a `Perceived`; ``grasps`` are all sampled grasps and ``reachable`` those that
     the controller is given, flips included, both in the object frame O; ``phase`` is a `Phase`, and
-    ``object_pose`` X_WO what the tracker believes: how far what is drawn lies beside the object is
+    ``object_pose`` X_WO the tracker's estimate: how far what is drawn lies beside the object is
     how wrong it is. While it is not finite, what is drawn stays where it is.
     The completed surface is drawn as discs, from blue where it was seen to pink where it is made
     up. Grasps that the controller is given are green, dropped ones faint grey; while the fingers
@@ -189,7 +189,7 @@ class GraspVisualizer(LeafSystem):
 
 
 def reachable_mask(grasps: GraspSet, reachable: GraspSet) -> Mask:
-    """Which grasps are in a subset of them and their flips, shape (n,)."""
+    """Mask of grasps in a subset of them and their flips, shape (n,)."""
     subset = {X_OG.tobytes() for X_OG in reachable.X_OG}
     found = np.array(
         [X_OG.tobytes() in subset for X_OG in grasps.with_symmetric().X_OG], dtype=bool
@@ -198,7 +198,7 @@ def reachable_mask(grasps: GraspSet, reachable: GraspSet) -> Mask:
 
 
 def distance_from_seen(gpdf: Gpdf, variance: Array) -> Array:
-    """How far from the data a point is, told by its variance, shape (n,) [m].
+    """Distance of a point from the observations, by its variance, shape (n,) [m].
 
     At a distance r from a single observation the variance is ``1 - exp(-2 r / l)``, solved for r.
     """
@@ -206,7 +206,7 @@ def distance_from_seen(gpdf: Gpdf, variance: Array) -> Array:
 
 
 def surface_colors(gpdf: Gpdf) -> Array:
-    """Colours of the completed points by their variance, shape (n, 3), from seen to made up."""
+    """Colors of the completed points by their variance, shape (n, 3)."""
     distance = distance_from_seen(gpdf, gpdf.completion.variance)
     share = (distance - SEEN_WITHIN) / (INVENTED_BEYOND - SEEN_WITHIN)
     share = np.clip(share, 0.0, 1.0)[:, None]

@@ -1,4 +1,4 @@
-"""The log of a run: what arm, object and grasp did, at the control rate."""
+"""Logs arm, object and grasp at the control rate."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def add_run_log(builder: DiagramBuilder, subsystems: Subsystems, period: float =
 
 
 def read_run_log(diagram: Diagram, context: Context) -> dict[str, NDArray[np.generic]]:
-    """What `add_run_log` has logged: ``time`` (n,) [s], and `FIELDS` with n samples each.
+    """The log of `add_run_log`: ``time`` (n,) [s], and `FIELDS` with n samples each.
 
     Args:
         diagram: The diagram.

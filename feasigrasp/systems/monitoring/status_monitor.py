@@ -1,4 +1,4 @@
-"""Says what is going on: one record for the console, the replay and the result file."""
+"""Status monitor: one record for console, replay and result file."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ LASTS = {
 AGAIN = 3.0
 #: What a tracker that says nothing of its pose is taken to mean.
 _AS_REPORTED = Tracking(TrackingState.TRACKING, 0.0)
-#: No error, or one that nobody knows [m], [rad].
+#: No error, or an unknown one [m], [rad].
 _NONE = 0.0, 0.0
 #: Verdicts that are no reason why nothing can be reached: of what is, or has not been judged.
 _FINE = (Verdict.KEPT, Verdict.REACHABLE, Verdict.BETTER)
@@ -55,8 +55,8 @@ class _Reported(Frozen):
         history: Every status, oldest first.
         next: What is going on, and will be said if it lasts; None if it has been said.
         now: What is going on, with its present detail, since it was said.
-        command_faults: How many commands had been faulty by now.
-        touches: How often the arm had been touched by now.
+        command_faults: Number of faulty commands.
+        touches: Number of contacts of the arm.
         X_OH: Pose of the hand in the object, shape (4, 4), when that was let go, or now; None while
             the object's pose is not known.
         looks: What went on, each time that code or detail changed, oldest first.
@@ -261,4 +261,4 @@ class StatusMonitor(LeafSystem):
         if scene is None:
             return np.inf
         center = self._balls.placed(self._position.Eval(context))
-        return float(np.min(scene.unseen_distance(center) - self._balls.radius))
+        return float(np.min(scene.unobserved_distance(center) - self._balls.radius))

@@ -1,4 +1,4 @@
-"""Where the frame truly is that a tracker has chosen for the object."""
+"""True pose of the object frame that a tracker has chosen."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class TrueFrame(LeafSystem):
     """
 
     def __init__(self, period: float) -> None:
-        """A judge that knows the truth; nothing that is judged may read it.
+        """Ground truth for evaluation; no evaluated system may read it.
 
         Args:
             period: Time between looks for the first tracked pose [s]; so long, at most, the object

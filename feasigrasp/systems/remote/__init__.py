@@ -1,1 +1,1 @@
-"""Perception and planning in processes of their own: control never waits for them."""
+"""Perception and planning in separate processes, asynchronous to control."""

@@ -1,4 +1,4 @@
-"""What goes from one process to another, as bytes: Drake's clouds and images, too."""
+"""Serialization of port values between processes, Drake's clouds and images included."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _IMAGES: dict[str, Any] = {
     "label": ImageLabel16I,
     "color": ImageRgba8U,
 }
-#: With this protocol arrays stay read-only or writeable, which compiled functions tell apart.
+#: With this protocol arrays stay read-only or writeable, which compiled functions distinguish.
 _PROTOCOL = 5
 
 

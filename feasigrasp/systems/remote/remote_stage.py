@@ -1,4 +1,4 @@
-"""A stage of perception or planning whose work another process does."""
+"""Proxy of a stage that runs in another process."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class _Arrived(Frozen):
 
 
 class RemoteStage(LeafSystem):
-    """Has the ports of a stage, and hands on what a process of its own makes of their values.
+    """Proxy with the ports of a stage that runs in a separate process.
 
     .. pydrake_system::
 
@@ -43,16 +43,16 @@ class RemoteStage(LeafSystem):
 
     Every ``period`` the values of the inputs are posted. With a ``latency``, the outputs are there
     at that simulated time after each post: the simulation waits for them, so that a run repeats bit
-    for bit. Without, nobody waits: a view that comes while the process is busy is passed over, and
+    for bit. Without, nothing waits: a view that comes while the process is busy is passed over, and
     `take`, which whoever advances the diagram calls, takes over what has arrived, the latest of it.
     ``stamp``, optional, V1, is when the present image was taken [s]: none is posted twice, and none
-    from before time 0, when nobody knew where the object was.
+    from before time 0, without an object pose.
     ``lapsed``, V1, is 1 while the process has not answered for `DEADLINE`, or has died, until it
     does or another one is there in its place, which remembers what the first one did; meanwhile the
     outputs stay what they are.
 
-    What is on its way is no part of the context, nor is what the process has been told: a `Frozen`
-    value that it knows is not posted again.
+    What is on its way is no part of the context, nor are the values sent to the process: a `Frozen`
+    value is posted once.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class RemoteStage(LeafSystem):
         self._given = [self._mirrored(port, stage) for port in inputs_of(stage)]
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
         self._posted: deque[tuple[float, float]] = deque()  # when, and when the image was taken
-        self._known: dict[str, Any] = {}  # what was last posted, as far as the process knows it
+        self._known: dict[str, Any] = {}  # what was last posted to the process
         self._last_stamp = 0.0
         arrived = _Arrived(Served(stage).outputs())
         index = self.DeclareAbstractState(AbstractValue.Make(arrived))
@@ -88,7 +88,7 @@ class RemoteStage(LeafSystem):
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, latency, weakly(self._await))
 
     def take(self, context: Context, time: float) -> list[float]:
-        """Takes over what has arrived by now; waits for nothing.
+        """Takes the arrived results, without waiting.
 
         Args:
             context: The system's, which is changed.
@@ -170,7 +170,7 @@ class RemoteStage(LeafSystem):
 
 
 def end_processes(diagram: Diagram) -> None:
-    """Ends the processes of a diagram's remote stages; it can only be looked at from then on."""
+    """Ends the processes of a diagram's remote stages; its context becomes read-only."""
     for stage in remote_stages(diagram):
         stage.worker.close()
 

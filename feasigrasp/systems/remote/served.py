@@ -1,4 +1,4 @@
-"""A stage outside its diagram: given inputs at an instant, it does what is due, and tells."""
+"""A stage outside its diagram: inputs at an instant in, changed outputs out."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def outputs_of(stage: System) -> list[OutputPort]:
 
 
 def is_vector(port: InputPort | OutputPort) -> bool:
-    """Whether a port carries a vector, and no abstract value."""
+    """Whether a port is vector-valued."""
     return bool(port.get_data_type() == PortDataType.kVectorValued)
 
 
@@ -66,7 +66,7 @@ class Served:
         return new
 
     def state(self) -> bytes:
-        """What it remembers."""
+        """State of the stage."""
         return packed(self._states())
 
     def remember(self, state: bytes) -> None:

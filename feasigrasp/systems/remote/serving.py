@@ -1,4 +1,4 @@
-"""What the process of a `Worker` does."""
+"""Main loop of a `Worker` process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A process that works for this one, and the thread that talks to it."""
+"""A worker process, and the thread that communicates with it."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from feasigrasp.systems.remote.packing import packed, unpacked
 
 #: A worker that takes longer hangs: to start and compile, and for one piece of work [s].
 START_PATIENCE, PATIENCE = 300.0, 10.0
-#: Tells a worker from other processes, in a list of what they run.
+#: Distinguishes a worker from other processes, in a list of what they run.
 SERVING = "feasigrasp.systems.remote.serving"
 #: What the process runs: modules are looked for where this one finds them.
 _SERVE = f"import sys; sys.path[:] = {{path!r}}; from {SERVING} import main; main({{descriptor}})"
 
 
 class Worker:
-    """A stage in a process of its own.
+    """A stage in a separate process.
 
     Nothing here waits but `next_answer` and `wait_until_ready`. A process that dies is started
-    anew, as soon as something is asked of it, and remembers what the one before it knew, at most
-    half a second before it last answered. One that hangs has to be looked for, by `end_if_stuck`.
-    It ends with this process, however that ends.
+    anew, as soon as something is asked of it, and takes over the state of the one before it, at
+    most half a second before it last answered. One that hangs has to be looked for, by
+    `end_if_stuck`. It ends with this process, however that ends.
 
     Attributes:
         ready: Set while the process is there to work.
@@ -59,7 +59,7 @@ class Worker:
 
     @property
     def pid(self) -> int:
-        """Of the process; -1 before there is one."""
+        """Process id; -1 before its start."""
         return -1 if self._process is None else self._process.pid
 
     def post(self, time_: float, inputs: dict[str, Any]) -> None:

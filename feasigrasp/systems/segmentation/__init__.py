@@ -1,1 +1,1 @@
-"""Which pixels of the camera show the object."""
+"""Segmentation of the object in camera images."""

@@ -1,4 +1,4 @@
-"""Finds the object in a depth image without being told which pixels show it."""
+"""Segments the object in a depth image, without a label image."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ class ForegroundSegmentation(LeafSystem):
     ``position`` V7 the measured joints [rad], ``gripper_state`` V2 the measured distance between
     the pads [m] and its rate. ``object_pose`` X_WO and ``tracking`` come from the tracker, ``gpdf``
     is the object's field in O, or None before there is one. ``color_image`` is of the same pixels,
-    and needed only where what carries the object is told by its hue. ``label_image`` holds a
+    and needed only where the carrier of the object is found by its hue. ``label_image`` holds a
     `Label` for each pixel: it fits the port of the same name of `SegmentPointCloud` and
-    `PointCloudToScene` as a label image of the simulation does. What is told apart how is said in
+    `PointCloudToScene` as a label image of the simulation does. The method is in
     `models.segmentation.foreground`.
     """
 
@@ -57,7 +57,7 @@ class ForegroundSegmentation(LeafSystem):
         Args:
             camera: The camera.
             bodies: What is known of robot and cell.
-            carrier_hue: Hue of what carries the object [deg]; None if it is not to be told.
+            carrier_hue: Hue of what carries the object [deg]; None without a color gate.
         """
         super().__init__()
         self._camera, self._bodies, self._carrier_hue = camera, bodies, carrier_hue
@@ -71,7 +71,7 @@ class ForegroundSegmentation(LeafSystem):
         )
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
-        # Time and view at the start, which tells what has moved since; None before.
+        # Time and view at the start, for the detection of motion; None before.
         self._first = self.DeclareAbstractState(to_value((None, None)))
         self.DeclareInitializationUnrestrictedUpdateEvent(weakly(self._remember))
         declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))

@@ -1,4 +1,4 @@
-"""Labels the pixels of a camera by a mask function, a network's for example."""
+"""Segments the object by a mask function, such as a network."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class MaskSegmentation(LeafSystem):
 
 
 def checked_mask(mask: Any, shape: tuple[int, int], made_by: Any) -> Mask:
-    """What a mask function returned, if it is a mask of an image of that shape.
+    """The result of a mask function, checked for type and shape.
 
     Raises:
         CameraError: It is none.

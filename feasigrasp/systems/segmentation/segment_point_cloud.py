@@ -1,4 +1,4 @@
-"""Keeps the pixels of one body of a pixel-ordered point cloud."""
+"""Selects the pixels of one body in an organized point cloud."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Stages of the whole pipeline: which systems each is made of, and how they are connected."""
+"""Stages of the pipeline as diagrams."""

@@ -1,4 +1,4 @@
-"""What a scenario has the arm controlled by: what it can reach, its controller, its drive."""
+"""Makes reachability filter, controller and drive of a scenario."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from feasigrasp.systems.velocity_drive import VelocityDrive
 
 
 def make_reachability(scenario: Scenario) -> Reachability:
-    """What the arm of a scenario can reach with its hand above its table."""
+    """Reachability of a scenario's arm, with its hand above its table."""
     cell, ours = scenario.cell, Reachability.table_clearance - SafetyOptions.table_clearance
     return Reachability(
         load_gripper(scenario.gripper),
@@ -71,7 +71,7 @@ def make_static_grid(scenario: Scenario) -> ObstacleGrid | None:
 
 
 def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> ReachabilityFilter:
-    """The reachability filter of a scenario; the modes of the paper look at no way in."""
+    """The reachability filter of a scenario; the paper's modes skip the approach corridor."""
     config = scenario.reachability
     judge: Judge = reachability
     if config.method != EXACT:
@@ -145,7 +145,7 @@ def _costs(config: ControlConfig, costs: CostWeights) -> CostWeights:
 
 
 def make_drive(scenario: Scenario) -> LeafSystem:
-    """What the controller's velocity goes through to the arm."""
+    """The drive between the controller's velocity and the arm."""
     config = scenario.control
     mode = added_mode(config.mode)
     if mode is not None:

@@ -1,4 +1,4 @@
-"""Values that arrive some time after they were made."""
+"""Delays values by a latency."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Perception and planning in processes of their own: what is built there, what stands for it."""
+"""Perception and planning stages in separate processes: construction and proxies."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from feasigrasp.systems.stages.controllers import make_reachability
 
 
 class RemoteCell(Protocol):
-    """What is read of a cell here."""
+    """The part of a cell that remote stages read."""
 
     @property
     def scenario(self) -> Scenario:
-        """What is built."""
+        """The scenario."""
 
     @property
     def simulated(self) -> bool:
@@ -71,7 +71,7 @@ def make_object_stage(text: str) -> Diagram:
 
 
 def make_scene_stage(text: str, labels: Iterable[int]) -> PointCloudToScene:
-    """What makes a scene of all pixels but those of some labels, for the scenario of a text."""
+    """The scene fusion of all pixels but those of some labels, from a scenario as text."""
     scenario = parse_scenario(text)
     return make_scene(scenario, load_gripper(scenario.gripper), labels)
 
@@ -134,7 +134,7 @@ def make_tracker_stage(text: str) -> Diagram:
 
 
 def remote_object(cell: RemoteCell) -> RemoteStage:
-    """What `make_object_stage` makes, in a process of its own.
+    """The proxy of `make_object_stage`.
 
     Raises:
         ScenarioError: A fault of the scenario lies within it.
@@ -151,7 +151,7 @@ def remote_object(cell: RemoteCell) -> RemoteStage:
 
 
 def remote_scene(cell: RemoteCell, labels: Iterable[int]) -> RemoteStage:
-    """What `make_scene_stage` makes, in a process of its own."""
+    """The proxy of `make_scene_stage`."""
     config, known = cell.scenario, sorted(set(labels))
     return _remote(
         cell, make_scene_stage, config.scene.period, config.perception.latency, labels=known
@@ -159,12 +159,12 @@ def remote_scene(cell: RemoteCell, labels: Iterable[int]) -> RemoteStage:
 
 
 def remote_tracker(cell: RemoteCell) -> RemoteStage:
-    """What `make_tracker_stage` makes, in a process of its own."""
+    """The proxy of `make_tracker_stage`."""
     return _remote(cell, make_tracker_stage, cell.scenario.tracker.image_period, PROMPT_LATENCY)
 
 
 def remote_planner(cell: RemoteCell) -> RemoteStage:
-    """What `make_planner_stage` makes, in a process of its own."""
+    """The proxy of `make_planner_stage`."""
     return _remote(cell, make_planner_stage, cell.scenario.reachability.period, PROMPT_LATENCY)
 
 

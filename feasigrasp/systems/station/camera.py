@@ -74,7 +74,7 @@ class NoisyDepth(LeafSystem):
 
 
 class CalibratedPose(LeafSystem):
-    """Turns the true pose of a camera into what its calibration says.
+    """Converts the true pose of a camera to its calibrated pose.
 
     .. pydrake_system::
 
@@ -88,7 +88,7 @@ class CalibratedPose(LeafSystem):
     """
 
     def __init__(self, X_CB: Array) -> None:
-        """A camera that is believed to be at ``X_CB`` (4, 4) in its own true frame."""
+        """A camera with the calibrated pose ``X_CB`` (4, 4) in its own true frame."""
         super().__init__()
         self._X_CB = RigidTransform(X_CB)
         self._pose = declare_input(self, "true_pose", RigidTransform())
@@ -157,7 +157,7 @@ def export_camera(
 
 
 def calibration_error(hand_eye: HandEyeError, seed: int) -> Array:
-    """Where a camera is believed to be, in its own true frame, X_CB (4, 4); drawn from a seed."""
+    """Calibrated pose of a camera in its true frame, X_CB (4, 4); drawn from a seed."""
     return hand_eye.draw(np.random.default_rng([seed, _HAND_EYE]))
 
 

@@ -1,4 +1,4 @@
-"""The cell that stands still as boxes, for those who need to know where it is."""
+"""Bounding boxes of the static cell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a robot cell is the one that kinematics, limits and hand are written for."""
+"""Checks that a robot cell matches the kinematics, limits and hand of the package."""
 
 from __future__ import annotations
 

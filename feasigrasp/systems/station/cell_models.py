@@ -1,4 +1,4 @@
-"""What stands in the robot cell beside the object: its description, and its models in a plant."""
+"""Description of the robot cell, and its models in a plant."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ ARM_KP = np.array([6000.0, 6000.0, 3000.0, 3000.0, 800.0, 500.0, 300.0])
 ARM_KD = np.array([350.0, 350.0, 150.0, 150.0, 51.0, 40.0, 31.0])
 #: The gripper's position controller [N/m]: saturates at the finger's effort limit when squeezing.
 FINGER_KP, FINGER_KD = 3000.0, 60.0
-#: The end stops of the fingers are so far beyond where they are open [m]. Fingers that just touch
+#: The end stops of the fingers are this far beyond where they are open [m]. Fingers that just touch
 #: them make the contact solver give up when the whole cell is at rest.
 _STOP = 5e-5
 
 
 @dataclass
 class StationConfig:
-    """What stands in the cell.
+    """Configuration of the station.
 
     Attributes:
         plant: Drake's plant settings.
@@ -61,12 +61,12 @@ class StationConfig:
         touch_object: Whether robot and object touch. The paper's dynamic test puts the object back
             on its path at every step, whatever touches it.
         camera_noise: Errors of the depth images, by camera; a camera not named has none.
-        hand_eye: Errors of where cameras are believed to be, by camera, likewise.
+        hand_eye: Errors of the hand-eye calibration, by camera, likewise.
         noise_seed: Seed of those errors.
         hand_error: Where the hand truly is, in the frame of the one that is planned with, shape
             (4, 4) [m].
         pulls: What pulls at the object once it is let go.
-        distractor_bodies: What is seen beside the object.
+        distractor_bodies: Carrier and distractor.
     """
 
     plant: MultibodyPlantConfig
@@ -96,7 +96,7 @@ class StationConfig:
 
 
 def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
-    """Adds the arm, what it carries, and what stands around it to a plant.
+    """Adds the arm, its hand and the static cell to a plant.
 
     Raises:
         ScenarioError: Drake cannot load the directives.
@@ -151,6 +151,6 @@ def _with_hand_error(config: StationConfig, packages: PackageMap) -> ModelDirect
 
 
 def robot_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
-    """Model instances of the arm and of what it carries."""
+    """Model instances of the arm and its attachments."""
     names = filter(plant.HasModelInstanceNamed, ("iiwa", "gripper", "camera"))
     return [plant.GetModelInstanceByName(name) for name in names]

@@ -72,7 +72,7 @@ def _obstacle(obstacle: StaticObstacle) -> list[ModelDirective]:
 
 
 def hand_urdf(gripper: ParallelGripper) -> Path:
-    """A URDF file of a hand, made of its description; it lasts as long as the process."""
+    """A URDF file of a hand, from its description; it lasts as long as the process."""
     return _folder(hand_files(gripper)) / "gripper.urdf"
 
 

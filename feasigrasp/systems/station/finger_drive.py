@@ -1,4 +1,4 @@
-"""What moves the fingers: no faster than a drive can, so that their force takes time to rise."""
+"""Rate-limited drive of the fingers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from feasigrasp.systems.ports import weakly
 
 
 class FingerDrive(LeafSystem):
-    """The opening that a gripper is told, as the state that its left finger is driven to.
+    """Rate-limited command of the opening, as the desired state of the left finger.
 
     .. pydrake_system::
 
@@ -22,7 +22,7 @@ class FingerDrive(LeafSystem):
     ``opening`` is the distance between the pads [m], V1; ``desired_state`` V2, position [m] and
     velocity [m/s] of the left finger, which moves half of it: the right one mimics it. An opening
     that jumps is followed by `SPEED`: fingers that press with all their force within one step deal
-    the arm a blow, such as no motor does.
+    the arm a jolt, as no motor does.
     """
 
     #: How fast the opening changes at most [m/s]: a choice, well above the speed at which fingers
@@ -34,7 +34,9 @@ class FingerDrive(LeafSystem):
         super().__init__()
         self._way = self.SPEED * period
         self._opening = self.DeclareVectorInputPort("opening", 1)
-        self.DeclareDiscreteState([np.nan])  # where it was a period ago; at first where it is told
+        self.DeclareDiscreteState(
+            [np.nan]
+        )  # where it was a period ago; at first where it is commanded
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._update))
         self.DeclareVectorOutputPort("desired_state", 2, weakly(self._calc))
 

@@ -60,7 +60,7 @@ def set_stage(
     target: tuple[float, float, float] = TARGET,
     zoom: float = ZOOM,
 ) -> None:
-    """Background and lights of every view of the cell, and where it is seen from [m]."""
+    """Sets background, lights and camera position [m] of the cell."""
     set_background(meshcat)
     for light, intensity in LIGHTS.items():
         meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)

@@ -1,4 +1,4 @@
-"""How arm and hand touch the object before the fingers close, as the contact solver says."""
+"""Contact of arm and hand with the object before closing, from the contact solver."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _geometries(plant: MultibodyPlant, index: BodyIndex) -> list[int]:
 
 
 class ObstacleDistance(LeafSystem):
-    """Smallest distance between the arm, with all it carries, and what is fixed to the world.
+    """Smallest distance between the arm with its attachments and static bodies.
 
     .. pydrake_system::
 
@@ -84,7 +84,7 @@ class ObjectContact(LeafSystem):
         output_ports:
         - approach
 
-    ``phase`` is a `Phase`. ``approach`` has three entries, over all steps of the plant so far in
+    ``phase`` is a `Phase`. ``approach`` has three entries, over all past steps of the plant in
     which the hand approached: how long they were, how long of it the robot touched the object [s],
     and the largest norm of the summed contact force [N]. Contacts of both kinds count,
     hydroelastic and of points.

@@ -1,4 +1,4 @@
-"""Puts a `RigidObject` into a MultibodyPlant as a free body with its true shape."""
+"""Adds a `RigidObject` to a MultibodyPlant as a free body with its true shape."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _PERIOD = 0.01
 
 
 class DistractorBodies(LeafSystem):
-    """Where bodies are that are only seen, in a scene graph.
+    """Poses of visible bodies without contact, in a scene graph.
 
     .. pydrake_system::
 

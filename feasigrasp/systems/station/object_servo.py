@@ -1,4 +1,4 @@
-"""Carries a free body along a motion by a spatial force, until it is let go."""
+"""Moves a free body along a motion by a spatial force, until its release."""
 
 from collections.abc import Sequence
 
@@ -98,7 +98,7 @@ class ObjectServo(LeafSystem):
 
 
 def force_on(body_index: BodyIndex, wrench: Array) -> list[ExternallyAppliedSpatialForce]:
-    """What a plant takes for a wrench [torque; force] (6,) at the origin of one body, in W."""
+    """External force input of a plant for a wrench [torque; force] (6,) on one body, in W."""
     applied = ExternallyAppliedSpatialForce()
     applied.body_index = body_index
     applied.F_Bq_W = SpatialForce(F=wrench)

@@ -1,4 +1,4 @@
-"""Where object and arm were when an image was taken, a while before the image is there."""
+"""Delayed poses of object and arm, at the time of an image."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ROW = 13  # time, then the upper three rows of a pose
 
 
 class PoseAt(LeafSystem):
-    """Remembers a pose, and tells what it was at a time of late.
+    """Buffers poses, and returns the one at a recent time.
 
     .. pydrake_system::
 

@@ -53,7 +53,7 @@ class _BodyState(LeafSystem):
 
 
 class Station(Diagram):
-    """One robot cell; the port names follow Drake's hardware stations.
+    """A robot cell; the port names follow Drake's hardware stations.
 
     .. pydrake_system::
 
@@ -116,7 +116,7 @@ class Station(Diagram):
 
     @property
     def object_body(self) -> RigidBody:
-        """The object; not kept, since Python never frees a plant that holds a body of its own."""
+        """The object; not stored, since Python never frees a plant that holds a body of its own."""
         body: RigidBody = self.plant.GetBodyByName("object", self.object_instance)
         return body
 
@@ -131,7 +131,7 @@ class Station(Diagram):
         return [int(b) for instance in instances for b in self.plant.GetBodyIndices(instance)]
 
     def robot_instances(self) -> list[ModelInstanceIndex]:
-        """Model instances of the arm and of what it carries."""
+        """Model instances of the arm and its attachments."""
         return robot_instances(self.plant)
 
     def contact_friction(self) -> float:
@@ -209,7 +209,7 @@ class Station(Diagram):
     def _show_distractor_bodies(
         self, builder: DiagramBuilder, config: StationConfig, scene_graph: SceneGraph, name: str
     ) -> None:
-        """Shows what is only seen, which lets go of the object when it is told to."""
+        """Shows the bodies without contact; the carrier releases the object on command."""
         if not config.distractor_bodies:
             return
         distractor_bodies = add_distractor_bodies(

@@ -1,4 +1,4 @@
-"""Tracks an object with the robot's own camera, by its own distance field."""
+"""Tracks an object with the robot's own camera, by its distance field."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ class FieldTracker(LeafSystem):
         - track
 
     ``point_cloud`` shows the object only, in the world frame; ``camera_pose`` X_WC is that at which
-    it was taken, ``depth_image`` the whole image that it is a part of, from which the tracker knows
-    where the object is not. ``image_time`` is when it was taken [s] (V1). The last two are
+    it was taken, ``depth_image`` the whole image that it is a part of, from which the tracker
+    computes where the object is not. ``image_time`` is when it was taken [s] (V1). The last two are
     optional; without a time an image is taken when it is read. ``perceived`` is a `Perceived`, from
     `KeyframesToGPDF`: the field by which is tracked. ``phase`` (V1, see `GripperSequencer`), of a
     gripper that carries the camera, is optional: what it lifts moves with it.
@@ -68,11 +68,11 @@ class FieldTracker(LeafSystem):
     images are looked at while those of the first do not show the object: poses come of them, and no
     keyframes.
 
-    ``track`` is a `FieldTrack`, what the tracker knows; where the input of that name is connected,
+    ``track`` is a `FieldTrack`, the tracker's state; where the input of that name is connected,
     such as to a tracker in another process, images are left to that one, and not read here.
 
     The first four outputs are those of `ObjectTracker`. The frame O is that of the first view: its
-    origin is the middle of what was seen, its axes are the world's. ``keyframe`` is the last
+    origin is the center of the visible points, its axes are the world's. ``keyframe`` is the last
     `Keyframe`, a view worth merging; None before the first. ``pose_at_view`` is where the object is
     expected at ``image_time``, before that image has been looked at. Images are read every
     ``image_period``; in between, and while the object is out of sight, the outputs follow the
@@ -111,7 +111,7 @@ class FieldTracker(LeafSystem):
         )
 
     def tracking(self, context: Context) -> Tracking:
-        """How much the pose is worth at present."""
+        """Quality of the pose at present."""
         found = self._known(context)
         state = found.state(context.get_time(), self._config.silence)
         if found.estimate is None:
@@ -126,7 +126,7 @@ class FieldTracker(LeafSystem):
         )
 
     def _known(self, context: Context) -> FieldTrack:
-        """What this tracker knows, or the one that tells it."""
+        """The track of this tracker, or the one at its input."""
         source = self._given if self._given.HasValue(context) else self._track
         found: FieldTrack = source.Eval(context)
         return found

@@ -1,4 +1,4 @@
-"""Perception at a tracker's keyframes: each becomes a part of the object's distance field."""
+"""Fits the distance field to the keyframes of a tracker."""
 
 from __future__ import annotations
 

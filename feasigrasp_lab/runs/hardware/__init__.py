@@ -1,1 +1,1 @@
-"""Runs over driver messages in two processes, with a network between that fails."""
+"""Runs over driver messages in two processes, with network impairment."""

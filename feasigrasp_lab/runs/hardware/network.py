@@ -1,4 +1,4 @@
-"""A network between two message buses that is as bad as it is told to be."""
+"""Network impairment between two message buses: delay, loss, duplication, reordering."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from feasigrasp.systems.hardware.priority import DRIVER, real_time
 LATE = 0.03
 #: What share of the messages is doubled, or overtaken by others.
 SHARE = 0.2
-#: Tells a process to begin to be bad.
+#: Starts the impairment in a process.
 _BEGIN = signal.SIGUSR1
 #: How long it rests when nothing is there to be carried [s].
 _PAUSE = 5e-4
@@ -39,7 +39,7 @@ _FROM_CELL = (
 
 
 class Network(StrEnum):
-    """What is wrong with it."""
+    """Parameters of the network impairment."""
 
     LATE = "late"
     DOUBLED = "doubled"
@@ -51,7 +51,7 @@ class Network(StrEnum):
 class Relay:
     """Carries the messages of a cell from one bus to another, and those for it back.
 
-    Until it is told to begin, it is a good network.
+    Until `begin`, the network is perfect.
     """
 
     def __init__(self, one: str, other: str, fault: Network, seed: int) -> None:
@@ -61,7 +61,7 @@ class Relay:
         self._ends = DrakeLcm(one), DrakeLcm(other)
         self._queue: list[tuple[float, int, int, str, bytes]] = []
         self._numbers = itertools.count()
-        # By direction: an end hears what is published on it, too.
+        # By direction: an end receives what is published on it, too.
         self._subscriptions = [
             *_each(self._ends[0], _FROM_CELL, partial(self._take, 1)),
             *_each(self._ends[1], _TO_CELL, partial(self._take, 0)),
@@ -114,7 +114,7 @@ class RelayProcess:
             raise HardwareError(f"the network between {one} and {other} does not start")
 
     def begin(self) -> None:
-        """Makes it as bad as it is told to be."""
+        """Starts the network impairment."""
         self._process.send_signal(_BEGIN)
 
     def close(self) -> None:

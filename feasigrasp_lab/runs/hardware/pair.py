@@ -1,4 +1,4 @@
-"""A simulated cell and its controller as two processes, and what befalls them."""
+"""A simulated cell and its controller as two processes, with process faults."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LAST_WORDS = 60.0
 
 
 class ProcessFault(StrEnum):
-    """Who is struck, and how: the controller, or a process that perceives or plans for it."""
+    """Process fault: a signal to the controller or to one of its workers."""
 
     KILL = "kill"
     STOP = "stop"
@@ -60,7 +60,7 @@ def run_pair(
 ) -> dict[str, Any]:
     """Runs ``feasigrasp sim`` and ``feasigrasp run --hardware``; returns what the former recorded.
 
-    What the latter says of itself, ``on_hardware``, comes along if it got so far. With a bad
+    What the latter says of itself, ``on_hardware``, comes along if it exists. With a bad
     network between the two, ``feasigrasp guard`` is on the side of the cell.
 
     Args:
@@ -112,7 +112,7 @@ def run_pair(
 
 
 def _url(name: str, side: int) -> str:
-    """A bus on this computer that nobody else uses, by all likelihood, nor has used."""
+    """The URL of an unused bus on this computer."""
     number = zlib.crc32(f"{name} {os.getpid()}".encode())
     return f"udpm://239.255.{100 + side}.{1 + number % 250}:{20000 + number // 250 % 40000}?ttl=0"
 
@@ -135,7 +135,7 @@ def _watch(
 ) -> None:
     """Waits for the end of the simulation; does to the controller what is to be done, in time.
 
-    Which of the processes that work for it is struck, the number says.
+    The number says which of its worker processes receives the signal.
     """
     lcm, times = DrakeLcm(url), _Times()
     subscriptions = [
@@ -176,7 +176,7 @@ def workers_of(pid: int) -> list[int]:
     children = psutil.Process(pid).children()
     workers = [child.pid for child in children if SERVING in " ".join(child.cmdline())]
     if not workers:
-        raise HardwareError(f"process {pid} has nobody who perceives or plans for it")
+        raise HardwareError(f"process {pid} has no process that perceives or plans for it")
     return sorted(workers)
 
 
@@ -194,7 +194,7 @@ class _Times:
 
 
 def _wait_for(controller: subprocess.Popen[bytes]) -> None:
-    """Lets a controller say what it has to say; it sees itself that nobody answers any more."""
+    """Waits for a controller to end by itself, as its messages stop."""
     with suppress(subprocess.TimeoutExpired):
         controller.wait(LAST_WORDS)
 

@@ -1,1 +1,1 @@
-"""The commands that measure the arm itself: no grasp, no camera, no controller."""
+"""Evaluation commands of the arm alone."""

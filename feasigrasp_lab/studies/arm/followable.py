@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate followable``: measure which hand poses at a fast object an arm can follow.
+"""``feasigrasp evaluate followable``: measure the tracking feasibility of moving hand poses.
 
 What of the curve of success over speed is the arm: whoever grasps an object while it moves has a
 hand that keeps up with it while the fingers close. Objects move as in ``evaluate dynamic --study

@@ -1,1 +1,1 @@
-"""The commands that draw what a stage does, and measure what they draw."""
+"""Commands that draw the result of a stage, and measure it."""

@@ -3,7 +3,7 @@
 The paper's figure 6 (Choi & Figueroa, arXiv 2311.02576) from our own grasps: what the sampler
 proposes and the filter leaves in grey, the means of a mixture with four components in red, and in
 green the way of a hand up its log density. Beside it the same with the medoids, the grasps that
-stand for the components, in place of the means; the mesh tells which of either are valid.
+stand for the components, in place of the means; the mesh decides which of either are valid.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Each object is seen once by the noisy camera and completed. The upper row shows what the sampler
 proposes, coloured by the network's probability; the lower row what the filter leaves, coloured by
-the score. Grasps that are truly valid, told by the mesh, are counted.
+the score. Grasps that are truly valid, by the mesh, are counted.
 """
 
 from __future__ import annotations

@@ -170,6 +170,6 @@ def draw_uncertainty(fields: dict[str, Gpdf], filename: Path) -> None:
             viewer = Viewer.at(camera, [0.0, 0.0, 1.0], turn=turn)
             draw_points(ax, viewer, surface.points, colors, size=DOT, normals=surface.normals)
             frame(ax, viewer, surface.points)
-    label = "uncertainty: distance from what was seen [mm]"
+    label = "uncertainty: distance from the observed surface [mm]"
     add_scale(figure, UNCERTAINTY_COLORS, 1e3 * MOST_UNCERTAIN, label)
     save_figure(figure, filename, dpi=90)

@@ -1,1 +1,1 @@
-"""Data to train and judge on: generated shapes, views and labels."""
+"""Training and evaluation data: generated shapes, views and labels."""

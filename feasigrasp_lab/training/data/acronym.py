@@ -1,11 +1,11 @@
-"""Reads ACRONYM: recorded grasps of a Franka hand become the same training examples as our own.
+"""Reads grasps of ACRONYM (Eppner et al. 2021) as training examples.
 
 ACRONYM (Eppner, Mousavian, Fox, "ACRONYM: A Large-Scale Grasp Dataset Based on Simulation", 2021)
 has one h5 file per object: 2000 poses of the hand, whether the object stayed in it after shaking in
 simulation, and which mesh at which scale they belong to. The data set and the ShapeNet meshes are
 to be had from their owners, under their terms; nothing of them comes with this package.
 
-A recorded grasp tells where its two pads touch once their closing line is cast on the mesh. A point
+A recorded grasp gives its two contacts once their closing line is cast on the mesh. A point
 of a surface is labelled from the successful grasps whose contacts are near. Where none is, none is
 known: as usual with this data set, such a point counts as no contact.
 """

@@ -1,4 +1,4 @@
-"""Training examples of the grasp network: an object becomes inputs with labels.
+"""Training examples of the grasp network: inputs and labels of one object.
 
 Inputs are made as they are at run time: a noisy depth camera looks at the object one to three times
 while it turns, the views are fused with the tracker's error, and the distance field completes the

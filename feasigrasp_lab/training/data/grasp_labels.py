@@ -1,4 +1,4 @@
-"""Labels for a grasp network: at which points of a (completed) surface which grasps truly start.
+"""Grasp labels of surface points, from the true mesh.
 
 Contact pairs are searched densely on the true mesh. From the true surface point under a completed
 point, lines in the friction cone give the opposite contacts; at every pair that is antipodal, the
@@ -201,7 +201,7 @@ def _free_turns(
     boxes, table = _turning_hand(gripper, clearance)
     blocked = blocked_turns(truth.samples, center, b, across, boxes[:, :, 0].copy(), table)
     hand = np.bitwise_or.reduce(blocked[:, :-2], axis=1)
-    # The camera blocks a turn only if it does on both sides: they are twins of one grasp.
+    # The camera blocks a turn only if it does on both sides: they are symmetric grasps.
     hand |= blocked[:, -2] & blocked[:, -1]
     bits = hand[:, None] >> np.arange(N_TURNS, dtype=np.uint64)
     free: Mask = (bits & np.uint64(1)) == 0

@@ -1,4 +1,4 @@
-"""Which grasps of an object are truly valid, told by its mesh: what labels and evaluations use.
+"""Ground-truth validity of grasps, by the object's mesh.
 
 A grasp is valid if it is antipodal, the line on which the pads close lies within a friction cone
 at both faces that the pads meet first, and if the whole open hand (fingers, palm and camera, as

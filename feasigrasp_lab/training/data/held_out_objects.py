@@ -1,4 +1,4 @@
-"""Objects that no grasp network of ours was trained on."""
+"""Held-out objects and seeds."""
 
 from __future__ import annotations
 

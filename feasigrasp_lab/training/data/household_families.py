@@ -1,4 +1,4 @@
-"""The families of household shapes: those of one solid, and those of several solids in one."""
+"""Families of household shapes: single solids and assemblies."""
 
 from __future__ import annotations
 

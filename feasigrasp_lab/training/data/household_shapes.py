@@ -1,8 +1,8 @@
-"""Household-like shapes from a seed: what the grasp network learns on, in data that we own.
+"""Procedural household shapes from a seed.
 
 Every family draws its sizes and proportions, in metres and in the range of things that stand in a
 kitchen or lie on a bench: 2 to 25 cm, some of them too large for the hand everywhere. Some families
-are never trained on (`HELD_OUT`), so that they can tell whether a network has learnt shapes or
+are never trained on (`HELD_OUT`), so that they show whether a network has learnt shapes or
 grasps.
 """
 

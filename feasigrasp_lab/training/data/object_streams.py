@@ -1,4 +1,4 @@
-"""Where the objects of training data come from: our own stream, or meshes and grasps of others."""
+"""Streams of training objects: procedural shapes or mesh files."""
 
 from __future__ import annotations
 

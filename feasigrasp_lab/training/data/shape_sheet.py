@@ -1,4 +1,4 @@
-"""Draws household shapes, one row per family, shaded by a plain software renderer."""
+"""Contact sheet of household shapes, by a software renderer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The few solids that objects are made of: lofts, lathes, tubes, boxes, and their booleans.
+"""Primitive solids: lofts, lathes, tubes, boxes, and their booleans.
 
 Every function returns a closed `manifold3d.Manifold` in metres. Only the generators of objects need
 this.

@@ -1,4 +1,4 @@
-"""Partial views of a mesh, as a depth camera sees them: ray casting, sensor noise, masking."""
+"""Partial views of a mesh: ray casting, sensor noise, masking."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class PartialView:
     """What one camera sees of an object.
 
     Attributes:
-        points: Seen points in the frame the tracker believes to be O, shape (n, 3) [m].
+        points: Observed points in the estimated frame O, shape (n, 3) [m].
         p_OC: Position of the camera in the same frame, shape (3,) [m].
         X_OC: True pose of the camera (z forward, x right) in O, shape (4, 4).
         measured: Which pixels of the camera's picture gave these points, shape (HEIGHT, WIDTH).

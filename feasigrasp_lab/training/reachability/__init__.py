@@ -1,1 +1,1 @@
-"""Fitting the reachable space of an arm."""
+"""Fit of the reachable space of an arm."""

@@ -1,4 +1,4 @@
-"""Expectation maximisation on SE(3) for millions of poses: `fit_large_mixture`.
+"""Expectation maximization on SE(3) for millions of poses: `fit_large_mixture`.
 
 The E step and the moments that the M step needs are one fused pass in single precision over blocks
 of poses (`em_pass`), on as many threads as wanted; nothing has the size n x K. Sums are kept in

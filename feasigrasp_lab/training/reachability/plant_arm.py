@@ -1,4 +1,4 @@
-"""Takes a serial arm out of a Drake plant: its chain of joints, and its self-collisions.
+"""Extracts a serial arm from a Drake plant: joint chain and self-collisions.
 
 Any model that Drake's parser reads will do: a model directives file, URDF, SDFormat or MJCF.
 """

@@ -1,4 +1,4 @@
-"""Millions of poses in blocks of neighbours, and the pass of EM over such blocks."""
+"""Blocks of neighboring poses, and the EM pass over such blocks."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
-"""Reachable poses by drawing configurations: what the reachable-space mixture is fitted to.
+"""Samples of reachable poses from random configurations.
 
 Joint positions are uniform inside their limits. Configurations in self-collision, and poses of the
 fitted frame below a floor, are dropped (the paper's section IV-B).
 
-What remains is dense where the arm is close to singular: near a configuration with manipulability
-m = sqrt(det J J^T), poses have density 1/m. A mixture fitted to them describes those crowds first.
-Where it is to tell reachable poses from others, draws can be *thinned* in proportion to m: what is
-left has, at every pose, a density proportional to the self-motion that the arm has there, without
-singular crowds.
+What remains is dense where the arm is close to singular: near a configuration with manipulability m
+= sqrt(det J J^T), poses have density 1/m. A mixture fitted to them describes those crowds first.
+Where it is to separate reachable poses from others, draws can be *thinned* in proportion to m: what
+is left has, at every pose, a density proportional to the self-motion that the arm has there,
+without singular crowds.
 """
 
 from __future__ import annotations

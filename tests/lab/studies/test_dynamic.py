@@ -133,7 +133,7 @@ def test_uncommitted_changes_are_told(fake_runs, tmp_path, monkeypatch, capsys):
     for _ in range(2):
         evaluate(tmp_path, "--scenarios", "ReachLinearMocap", "--seeds", "1")
     assert len(fake_runs) == 4
-    assert "uncommitted changes cannot be told apart" in capsys.readouterr().out
+    assert "uncommitted changes cannot be distinguished" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

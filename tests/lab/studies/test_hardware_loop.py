@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 import time
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from types import SimpleNamespace
 
 import numpy as np
@@ -48,6 +48,15 @@ def test_every_run_is_planned_once_and_faults_in_turn():
     assert faults[5:8] == ["kill_worker", "stop_worker", "kill"]
     assert faults[8:] == [str(n) for n in Network for _ in range(2)]
     assert planned_pairs(RUNS, 5, 2, seed=0) == pairs != planned_pairs(RUNS, 5, 2, seed=1)
+
+
+@pytest.mark.parametrize("option", ["--process-faults", "--blows"])
+def test_the_former_option_works_with_a_warning_that_names_the_new_one(option, capsys):
+    parser = ArgumentParser()
+    hardware_loop.add_arguments(parser)
+    assert parser.parse_args([]).process_faults == 100
+    assert parser.parse_args([option, "7"]).process_faults == 7
+    assert ("--blows is now --process-faults" in capsys.readouterr().err) == (option == "--blows")
 
 
 def one(fault="", **changes):
@@ -195,7 +204,7 @@ def test_those_who_work_for_a_controller_are_found_and_struck():
 
 
 def test_a_controller_that_does_all_by_itself_has_no_workers():
-    with pytest.raises(HardwareError, match="nobody who perceives"):
+    with pytest.raises(HardwareError, match="no process that perceives"):
         workers_of(os.getpid())
 
 

@@ -1,4 +1,4 @@
-"""Distance field over joint configurations (paper section IV-D.2), with a price on each of them.
+"""Weighted distance field over joint configurations (paper section IV-D.2).
 
 The same Gaussian process as for shapes, with the kernel ``exp(-|q - q_i| / l)``, over the inverse
 kinematics solutions q_i of many grasps: its distance ``d = -l ln o`` is a potential with one
@@ -136,7 +136,7 @@ def fit_kernel(r, cost, length_scale, noise_variance, lowest, beta):
 
 @compiled
 def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):
-    """Writes grad d (7,) and the weights (n,) of the solutions; returns d and the way left.
+    """Writes grad d (7,) and the solution weights (n,); returns d and the remaining distance.
 
     All terms are relative to the largest one (log-sum-exp). The way left is ``d`` less the cost of
     the solutions that count: zero at each of them.

@@ -1,4 +1,4 @@
-"""What solutions cost at the time of an update, and at which arm angle they would cost less."""
+"""Cost of IK solutions at an update, and the arm angle of lower cost nearby."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ class JudgedSolutions(NamedTuple):
     reached: Mask
 
     def select(self, which: Mask | Indices) -> JudgedSolutions:
-        """Some of them."""
+        """The solutions at the given indices."""
         return JudgedSolutions._make(array[which] for array in self)
 
     def with_others(self, others: JudgedSolutions) -> JudgedSolutions:
-        """These and others behind them."""
+        """Concatenation of two sets of solutions."""
         return JudgedSolutions._make(
             np.concatenate(pair) for pair in zip(self, others, strict=True)
         )
@@ -77,11 +77,11 @@ def judge_kernel(
     cost,
     better,
 ):
-    """Writes configuration now, cost [s], and the way to a better arm angle, of every solution.
+    """Writes configuration, cost [s] and step to the better arm angle, of every solution.
 
     ``X_WO`` (k, 4, 4) are the object's poses at ``times`` from now on. Beside what it costs to be
-    there, which is the strand's cost, the way there costs what the hand is farther away meanwhile.
-    Without a horizon nothing costs anything.
+    there, which is the candidate's cost, the way there costs what the hand is farther away
+    meanwhile. Without a horizon nothing costs anything.
     """
     X_WF, scratch, values, weights = (
         np.empty((4, 4)),

@@ -3,8 +3,8 @@
 The arm descends the distance field over the solutions, ``qd = -k d grad d``, while the solutions
 move with the object. Added to the paper's law: each solution's own velocity is fed forward, so that
 the arm does not lag; solutions keep their identity, so that the field moves smoothly; the field has
-at every solution the value of what it will cost to be there; the solutions follow the funnel into
-their grasps; and a QP keeps limits and clearances, which the field alone does not.
+at every solution the value of what it will cost to be there; the solutions follow the approach
+corridor into their grasps; and a QP keeps limits and clearances, which the field alone does not.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def field_kernel(
     gradient,
     forward,
 ):
-    """Distance d, and the way that is left, of the field at q: inverse kinematics, and its fit.
+    """Distance d of the field at q and remaining distance: inverse kinematics and fit.
 
     Writes the gradient (7,), and the mean velocity (7,) of the solutions, shortened to ``most``
     times the joints' velocity limits; all are zero without solutions.
@@ -239,7 +239,7 @@ class JointSpaceControl:
     def requested_velocity(
         self, q: Array, solutions: Solutions, time: float, X_WO: Array, V_WO: Array
     ) -> Array:
-        """What the field asks for, nothing enforced; arguments as `velocity`, shape (7,) [rad/s].
+        """Field velocity without limits; arguments as `velocity`, shape (7,) [rad/s].
 
         Zero without solutions, or if anything is not finite.
         """

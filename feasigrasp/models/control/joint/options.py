@@ -1,4 +1,4 @@
-"""Which inverse-kinematics solutions the joint-space controller keeps."""
+"""Options for the set of IK solutions of the joint-space controller."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from feasigrasp.models.control.joint.sources import FindConfigurations, closed_f
 
 @dataclass(frozen=True)
 class SolutionOptions:
-    """Which solutions are kept.
+    """Options for the selection of IK solutions.
 
     Attributes:
         find: Finds new ones, by default by the closed form.

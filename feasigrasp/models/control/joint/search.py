@@ -1,4 +1,4 @@
-"""Keeps a set of inverse-kinematics solutions up to date while grasps and object change.
+"""Update of the IK solutions as grasps and object change.
 
 Between two updates solutions move by themselves (`feasigrasp.models.control.joint.solutions`). An
 update matches them with the grasps that are offered now, lets arm angles glide to where they cost
@@ -70,7 +70,7 @@ class SolutionSearch:
             previous: Those until now.
             time: Now [s].
             grasps: Grasps on offer, in the object frame, m of them.
-            X_WO: Poses of the object at the prices' instants, now first, shape (k, 4, 4).
+            X_WO: Poses of the object at the instants of ``costs``, now first, shape (k, 4, 4).
             q: Joint positions [rad], shape (7,).
         """
         X_OG = grasps.X_OG
@@ -123,7 +123,7 @@ class SolutionSearch:
         return float(length_scale_kernel(r))
 
     def flange_poses(self, X_OG: Array, X_WO: Array, q: Array) -> Array:
-        """Flange poses (n, 4, 4) on the way into grasps, as far as the hand has lined up."""
+        """Flange poses (n, 4, 4) in the approach corridors, at the present misalignment."""
         X_GF = se3.inverse(self.reachability.gripper.X_FG)
         X_WF, standoffs = np.empty((len(X_OG), 4, 4)), self._standoffs(X_OG, X_WO, q)
         for k, X in enumerate(X_OG):

@@ -1,7 +1,7 @@
-"""Inverse-kinematics solutions of many grasps that keep their identity while the object moves.
+"""IK solutions of many grasps with a fixed branch and arm angle while the object moves.
 
-A solution here is a strand (`feasigrasp.models.control.planning.continuation`) with its arm angle:
-the closed form gives its configuration anew at any pose of the object. That is the paper's
+A solution here is a candidate (`feasigrasp.models.control.planning.continuation`) with its arm
+angle: the closed form gives its configuration anew at any pose of the object. That is the paper's
 "resample with the same seed" without a seed. Arm angles and costs change as smooth functions of
 time, from one update to the next.
 """

@@ -1,4 +1,4 @@
-"""New inverse-kinematics solutions of grasps, by the closed form.
+"""Sources of new IK solutions: closed form.
 
 They are inside the limits, clear of collisions, and apart from one another and from the known ones.
 """
@@ -23,7 +23,7 @@ from feasigrasp.models.reach.kernels import Search
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: Two solutions of one grasp are at least so far apart [rad].
+#: Two solutions of one grasp are at least this distance apart [rad].
 APART = 1.0
 
 
@@ -96,7 +96,7 @@ def closed_form_configurations(
     costs: CostWeights,
     radians_per_second: float,
 ) -> list[Array]:
-    """Configurations of flange poses that are not known yet.
+    """New configurations of flange poses, by closed-form inverse kinematics.
 
     Args:
         X_WF: Flange poses, shape (m, 4, 4).

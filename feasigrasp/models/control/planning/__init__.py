@@ -1,1 +1,1 @@
-"""The look-ahead that both controllers read: strands, what they cost, and ways between them."""
+"""Planning over the prediction horizon: grasp candidates, cost-to-go, branch switches."""

@@ -1,4 +1,4 @@
-"""Ways from one strand of grasps to another, and when to take them.
+"""Branch switches: motions between grasp candidates, at the time of least total cost.
 
 CandidateGraph, nodes and costs are those of `feasigrasp.models.control.planning.candidate_graph`.
 """
@@ -24,12 +24,12 @@ from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 _ON_THE_WAY = 3
 #: No transfer keeps the hand closer to the object than this, on average [m].
 _CLOSEST = 0.02
-#: Added to the cost of a strand that cannot be reached within the horizon.
+#: Added to the cost of a candidate that cannot be reached within the horizon.
 _LATE = 1e6
 
 
 class BranchSwitch(NamedTuple):
-    """The best way onto some strand.
+    """The branch switch of least total cost onto a candidate.
 
     Attributes:
         cost: Of the way and of what follows, to the horizon [s]; infinite if there is none.
@@ -50,7 +50,7 @@ _NO_SWITCH = BranchSwitch(np.inf, -1, -1, -1, -1)
 
 
 class Plan(NamedTuple):
-    """What a way is planned with.
+    """The planning problem: candidates, predicted object poses and cost weights.
 
     Attributes:
         graph: All nodes.
@@ -110,8 +110,8 @@ def branch_switch_kernel(q, k0, last, only, skipped, plan):
 
     It is over at the instant ``last`` at the latest.
 
-    ``only`` and ``skipped`` are the grasp and branch of the one strand that is looked at, or of the
-    one that is not; (-1, -1) for none.
+    ``only`` and ``skipped`` are the grasp and branch of the one candidate that is considered, or of
+    the one that is not; (-1, -1) for none.
     """
     best, costs = _NO_SWITCH, plan.costs[0]
     graph, X_WO, times, X_OG = plan.graph, plan.X_WO, plan.times, plan.X_OG
@@ -169,12 +169,12 @@ def branch_switch_kernel(q, k0, last, only, skipped, plan):
 
 @compiled
 def remaining_cost_kernel(q, last, grasp, branch, plan):
-    """What it costs to go on with a strand, and to leave it at the best moment.
+    """Remaining cost of the present candidate, with the best later branch switch.
 
-    The strand is reached at the instant ``last`` at the latest.
+    The candidate is reached at the instant ``last`` at the latest.
 
-    Returns the `BranchSwitch` onto the strand, its cost that of the whole plan, and the instant at
-    which it is left; -1 if not before the horizon.
+    Returns the `BranchSwitch` onto the candidate, its cost that of the whole plan, and the instant
+    at which it is left; -1 if not before the horizon.
     """
     graph, times = plan.graph, plan.times
     # Typed: for every constant among the arguments numba would compile another

@@ -1,9 +1,9 @@
-"""Following grasps into the future: what a grasp costs in a configuration, and in the next ones.
+"""Cost-to-go of grasp candidates on the predicted path, by dynamic programming (Bellman 1957).
 
-A *strand* is a grasp and an inverse-kinematics branch; a *node* of it is an arm angle at one of the
-instants at which the object's pose is predicted. What a strand costs from any of its nodes on
-follows by dynamic programming, backwards in time, over steps that the joints' speed limits allow.
-A strand that keeps to one arm angle has a cost of its own, which is a continuous function of that.
+A *candidate* is a grasp and an inverse-kinematics branch; a *node* of it is an arm angle at one of
+the instants at which the object's pose is predicted. The cost-to-go from any of its nodes follows
+by dynamic programming, backwards in time, over steps that the joints' speed limits allow. A
+candidate that keeps one arm angle has a cost of its own, which is a continuous function of that.
 """
 
 from typing import NamedTuple
@@ -31,8 +31,8 @@ class CandidateGraph(NamedTuple):
     Attributes:
         q: Configurations, shape (K + 1, n, 8, P, IIWA_7.joints) [rad].
         rate: Cost per second of being there, infinite where a node is not admissible.
-        cost_to_go: Least cost from there to the horizon, staying on the strand [s].
-        successor: Arm angle at the next instant, -1 where the strand ends.
+        cost_to_go: Least cost from there to the horizon, staying on the candidate [s].
+        successor: Arm angle at the next instant, -1 where the candidate path ends.
     """
 
     q: Array
@@ -68,7 +68,7 @@ def _write_nodes(q, X_WF, grasp_rate, search, samples, ends, costs, Q, rate):
 
 @compiled
 def _cost_beyond_horizon(q_before, q, dt, horizon, costs):
-    """Price of an end beyond the horizon, at the limits that the joints are going to."""
+    """Terminal cost of a path that ends beyond the horizon, at the joints' position limits."""
     time = np.inf
     for i in range(IIWA_7.joints):
         speed = (q[i] - q_before[i]) / dt
@@ -138,7 +138,7 @@ def candidate_graph_kernel(q, X_WO, times, X_OG, grasp_rates, X_GF, search, cost
 def candidate_cost_kernel(
     X_WO, times, X_OG, grasp_rate, standoff, X_GF, branch, psi, search, costs, X_WF, q
 ):
-    """Cost of a strand that keeps its arm angle; ``X_WF`` (4, 4) and ``q`` (7,) are scratch.
+    """Cost of a candidate at a fixed arm angle; ``X_WF`` (4, 4) and ``q`` (7,) are scratch.
 
     It is followed along the object's poses ``X_WO`` (k, 4, 4), ``standoff`` behind its grasp.
     """

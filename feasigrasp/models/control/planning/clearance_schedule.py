@@ -1,7 +1,7 @@
-"""How a hand on its way keeps off the object: the farther from lined up, the farther off.
+"""Clearance schedule: distance of the hand to the object as a function of its misalignment.
 
 With its least clearance alone it would slide round the object, a millimetre off, and touch what is
-not quite where it is believed to be. And a hand that has the object between its fingers, but not
+not quite at its estimated pose. And a hand that has the object between its fingers, but not
 for any grasp that it goes for, cannot turn round it: it has to step back first.
 """
 
@@ -28,10 +28,10 @@ from feasigrasp.models.robot.kinematics import (
     pose_jacobian_kernel,
 )
 
-# Surface that nobody has seen gives way to a hand that is lined up with a grasp in it.
+# Unobserved surface gives way to a hand that is lined up with a grasp in it.
 #
 # A field closes a shape where no camera has looked: a bowl seen from below is full. Grasps whose
-# hand collides with nothing but such surface are offered if a network believes in them
+# hand collides with nothing but such surface are offered if a network accepts them
 # (`feasigrasp.models.grasps.hand_clearance`). A hand that kept off it all the same would hover
 # before the rim for ever.
 
@@ -42,7 +42,7 @@ _LEVER = 0.1
 
 
 def obstacle_surface(grid: ObstacleGrid, X_OH: Array, X_OG: Array, hand: Array) -> ObstacleGrid:
-    """The surface that a hand keeps off: what was seen of it, if its grasp is in the rest.
+    """The surface with clearance: the observed part, for a grasp inside the unobserved part.
 
     Args:
         grid: All of the object's surface, in O.
@@ -61,7 +61,7 @@ def obstacle_surface(grid: ObstacleGrid, X_OH: Array, X_OG: Array, hand: Array) 
     return grid.seen if (distance < 0.0).any() else grid
 
 
-#: The reserve is this share of the hand's standoff, and at most so far [m].
+#: Extra clearance: this share of the hand's standoff, and at most this distance [m].
 _SHARE, _MOST = 0.2, 0.01
 #: Nearer than this to the middle between its pads, the object is between the fingers [m]; a hand
 #: that is turned by more from each of its grasps is not there for any of them [rad].
@@ -79,7 +79,7 @@ def scheduled_obstacle(
     X_OG: ArrayLike,
     corridor: ApproachCorridor,
 ) -> MovingObject | None:
-    """The object as a hand keeps off it that goes for the nearest of some grasps.
+    """The object as moving obstacle, with the clearance schedule of the nearest grasp.
 
     Args:
         surface: Distances to its surface, in O; None if it is not to be kept off.
@@ -92,7 +92,7 @@ def scheduled_obstacle(
 
     Returns:
         The object; its reserve is zero once the hand has lined up with a grasp, and the hand is
-        astray with the object between its fingers for none of them.
+        misaligned with the object between its fingers for none of them.
     """
     if surface is None:
         return None

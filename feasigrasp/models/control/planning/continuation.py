@@ -1,9 +1,9 @@
-"""Configurations of a grasp that keep their identity while the object moves.
+"""Continuation of a configuration along the object path at fixed branch and arm angle.
 
 A configuration of the iiwa is its flange pose, its *branch* (the signs of joints 2, 4 and 6) and
-its *arm angle*. A grasp in the object frame with a branch is a *strand*: at any pose of the object
-the closed form gives its configuration at an arm angle anew, exact, and it moves as smoothly as
-object and arm angle do.
+its *arm angle*. A grasp in the object frame with a branch is a *candidate*: at any pose of the
+object the closed form gives its configuration at an arm angle anew, exact, and it moves as smoothly
+as object and arm angle do.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def stand_behind_kernel(X_OG, standoff, X_WO, X_GF, branch, psi, margin, X_WF, q
 
 @compiled
 def candidate_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, qd):
-    """Writes the velocity (7,) of a strand at a flange pose; ``moved`` (4, 4) is scratch.
+    """Writes the velocity (7,) of a candidate at a flange pose; ``moved`` (4, 4) is scratch.
 
     The closed form's derivative along the twist and the arm angle: the inverse of the Jacobian with
     the arm angle for a seventh row. False, and nothing written, next to where it has none.

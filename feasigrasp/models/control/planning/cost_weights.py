@@ -1,4 +1,4 @@
-"""What following an object costs: one list of prices, in seconds, for both controllers.
+"""Cost weights of planning, in seconds: running cost, terminal cost and penalties.
 
 The unit is a second without the object: a second during which the hand is `CostWeights.lost` away
 from the object's middle costs 1 s, at half of that distance 0.5 s. Everything else is what a second
@@ -27,20 +27,21 @@ LEAST_SCORE, RAREST = 0.05, 15.0
 
 @dataclass(frozen=True)
 class CostWeights:
-    """How far a plan looks ahead, and what it charges.
+    """Instants of the prediction horizon and weights of the cost terms.
 
     Attributes:
         times: Instants that are looked at, from now on [s].
         lost: Distance of hand and object that costs a second per second [m].
         score: Of a grasp whose score is less by a factor of e, per second.
         density: Of a grasp at which the density of the grasps is less by a factor of e, per second.
-        manipulability: Manipulability below which there is a price [m^3].
+        manipulability: Manipulability below which there is a penalty [m^3].
         manipulability_cost: Of no manipulability at all, per second.
-        limit_zone: Distance to a joint limit below which there is a price [rad].
+        limit_zone: Distance to a joint limit below which there is a penalty [rad].
         limit_cost: Of a joint at its limit, per second.
-        end: Of a strand that ends at once [s]; it falls to zero over `expiry_horizon`.
-        expiry_horizon: A strand that lasts this long counts as lasting for ever [s].
-        collision: Of every point of the straight way to a strand that collides [s].
+        end: Terminal cost of a candidate path that ends at once [s]; it falls to zero over
+            `expiry_horizon`.
+        expiry_horizon: Duration of a candidate path without terminal cost [s].
+        collision: Of every point of the straight path to a candidate that collides [s].
         no_corridor: Of a grasp behind which a joint limit leaves no place to line up [s].
         motion: Of joint motion, per second of it at the speed limits.
         waiting: Of being at a place before the grasp is, per second.
@@ -72,16 +73,16 @@ class CostWeights:
     def to_grasp_soon(cls) -> CostWeights:
         """For a hand that closes as soon as it is there.
 
-        Then it does not matter where a strand ends later on, only that it lasts until the object is
-        held; to wait for a better one is worth less; and it matters that the hand can line up. One
-        that follows for ever would leave a grasp early for where there is more room.
+        Then it does not matter where a candidate path ends later on, only that it lasts until the
+        object is held; to wait for a better one is worth less; and it matters that the hand can
+        line up. One that follows for ever would leave a grasp early for where there is more room.
         """
         times = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
         return cls(times=times, expiry_horizon=3.0, waiting=3.0, no_corridor=3.0)
 
     @classmethod
     def for_joint_field(cls, horizon: float = 1.5) -> CostWeights:
-        """For many strands at once, each followed by itself up to a horizon [s].
+        """For many candidates at once, each followed up to a horizon [s].
 
         What comes after an end is not looked at. A hand that closes soon needs to look less far
         than one that follows for ever, and has to unwind in time.
@@ -89,9 +90,9 @@ class CostWeights:
         return cls(times=tuple(np.linspace(0.0, horizon, 9).tolist()), expiry_horizon=horizon)
 
     def grasp_rates(self, grasps: GraspSet, log_density: Array | None = None) -> Array:
-        """What a second at a grasp costs by the grasp itself, however the arm holds it.
+        """Running cost of the grasps themselves, independent of the arm.
 
-        Times a temperature, ``exp(-rate)`` is the weight ``density * score`` of a grasp: prices of
+        Times a temperature, ``exp(-rate)`` is the weight ``density * score`` of a grasp: weights of
         logarithms are exponents of weights.
 
         Args:
@@ -114,7 +115,7 @@ class CostWeights:
         return np.array(self.times)
 
     def instants_from(self, time: float, interception_time: float) -> Array:
-        """The instants that a plan looks at, from a time on: now, such of a fixed grid, and one.
+        """Instants of a plan from a time on: now, a fixed grid, and the interception time.
 
         What is due then does not recede from plan to plan.
 
@@ -136,13 +137,13 @@ class CostWeights:
 
 
 def instant_at(left: float, times: Array) -> int:
-    """Index of the instant that is nearest to so long from now [s], and not now itself."""
+    """Index of the instant nearest to a time from now [s], except now itself."""
     return 1 + int(np.argmin(np.abs(times[1:] - left)))
 
 
 @compiled
 def running_cost_kernel(q, grasp_rate, costs):
-    """What a second in a configuration costs, at a grasp that costs ``grasp_rate`` by itself."""
+    """Running cost of a configuration at a grasp with running cost ``grasp_rate``."""
     lack = max(0.0, 1.0 - manipulability_kernel(q) / costs.manipulability)
     rate = grasp_rate + costs.manipulability_cost * lack
     for i in range(IIWA_7.joints):
@@ -154,5 +155,5 @@ def running_cost_kernel(q, grasp_rate, costs):
 
 @compiled(forceinline=True)
 def terminal_cost_kernel(time, costs):
-    """Price of a strand that ends in so many seconds."""
+    """Terminal cost of a candidate path with a given time to its end [s]."""
     return costs.end * max(0.0, 1.0 - time / costs.expiry_horizon)

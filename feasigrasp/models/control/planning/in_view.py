@@ -1,4 +1,4 @@
-"""How an arm on its way keeps an object in the image of the camera on its hand.
+"""Visibility constraint: keeps the object in the image of the wrist camera.
 
 The object's middle is to stay inside a cone about the camera's axis, in which most of the object is
 in the image; the cone is wider where the object is near and large: at a grasp only a part of it can

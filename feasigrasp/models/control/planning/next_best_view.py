@@ -1,4 +1,4 @@
-"""When a hand that does not get on steps back, and from which side it looks at the object then.
+"""Stall detection and next-best-view selection for the wrist camera (Connolly 1985).
 
 An object that turns shows all its sides by and by. One at rest does not: where nothing that was
 found on the side that was seen can be reached, or come by, a hand that only waits waits for ever.
@@ -57,7 +57,7 @@ _CURIOSITY = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Attempt(Frozen):
-    """How the hand gets on with its grasps.
+    """Progress of the hand towards its grasps, for stall detection.
 
     Attributes:
         left: Least way to a grasp until now [m]; infinite at first.
@@ -105,7 +105,7 @@ class Attempt(Frozen):
         return kept
 
     def interrupted(self, time: float) -> Attempt:
-        """What is left of it while there is nothing to be judged."""
+        """The attempt during a gap without data."""
         return Attempt(time=time, wanting=self.wanting)
 
     def _contented(self, time: float, grasps: GraspSet) -> Attempt:
@@ -133,7 +133,7 @@ class Attempt(Frozen):
         now = now._contented(time, grasps)
         usable = now.usable(grasps)
         if now.side is not None:
-            # What was out of reach may be in reach by now.
+            # What was out of reach may be in reach at present.
             over = time >= now.until or (now.left == np.inf and len(usable) > 0)
             if not over:
                 return now
@@ -164,7 +164,7 @@ class Attempt(Frozen):
     def looking(
         self, time: float, side: Array | None, travel: float, speed: float = 1.0
     ) -> Attempt:
-        """The same, looking from a side that the arm is at after ``travel`` seconds at its limits.
+        """The attempt while the arm moves to a viewpoint, ``travel`` seconds away at its limits.
 
         It takes so much longer at a ``speed`` of less than 1. Without a side the hand goes on as it
         is.
@@ -184,7 +184,7 @@ def _as_good(grasps: GraspSet, least: float) -> GraspSet:
 def next_best_view(
     sides: Array, gpdf: Gpdf, X_WO: Array, q: Array, X_WC: Array, reachability: Reachability
 ) -> tuple[Array | None, float]:
-    """The direction in O from which most is to be seen per second, and the way there [s].
+    """Viewing direction in O of the most unobserved surface per second, and travel time [s].
 
     Args:
         sides: Directions in O from which it was looked at already, shape (m, 3).
@@ -192,7 +192,7 @@ def next_best_view(
         X_WO: Pose of the object, shape (4, 4) [m].
         q: Joint positions [rad], shape (7,).
         X_WC: Pose of the camera, which is on the hand, z forward, shape (4, 4) [m].
-        reachability: Tells which configurations are admissible.
+        reachability: Test of configurations.
 
     Returns:
         Direction from the object's middle to the camera, shape (3,); None if there is none in
@@ -208,7 +208,7 @@ def next_best_view(
     views = _views_from(others, gpdf, X_WO, X_WC)
     times = configurations_at(views.reshape(-1, 4, 4), q, X_WC, reachability)[1]
     times = times.reshape(len(others), -1).min(axis=1)
-    worth = (_unseen_share(gpdf, others) + _CURIOSITY) / (times / SPEED_SHARE + _DWELL)
+    worth = (_unobserved_share(gpdf, others) + _CURIOSITY) / (times / SPEED_SHARE + _DWELL)
     best = int(np.argmax(worth))
     return (others[best], float(times[best])) if np.isfinite(times[best]) else (None, np.inf)
 
@@ -234,7 +234,7 @@ def _views_from(sides: Array, gpdf: Gpdf, X_WO: Array, X_WC: Array) -> Array:
     return turned_views(middle + (_DISTANCE + 0.5 * half) * away, -away, X_WC)
 
 
-def _unseen_share(gpdf: Gpdf, directions: Array) -> Array:
+def _unobserved_share(gpdf: Gpdf, directions: Array) -> Array:
     """Which share of the surface is unseen and would be seen from each direction, shape (n,)."""
     surface = gpdf.completion
     if len(surface) == 0:

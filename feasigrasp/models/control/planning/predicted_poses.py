@@ -1,4 +1,4 @@
-"""Where the object will be, as far as a plan looks ahead."""
+"""Predicted object poses over the prediction horizon."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from feasigrasp.models.objects.prediction import Motion, future_poses
 
 
 class PredictionModel(StrEnum):
-    """What a plan takes the object to do."""
+    """Motion model of the object in a plan."""
 
     PREDICTED = "predicted"  # to go on as the tracker predicts
     TWIST = "twist"  # to keep its twist

@@ -1,4 +1,4 @@
-"""How an arm looks with the camera on its hand for an object that is out of sight.
+"""Search poses: configurations from which the wrist camera searches a lost object.
 
 It draws back until the camera is some way off the place where the object is expected, and turns the
 camera there. If the object does not show, the view goes round that place in circles that widen. An
@@ -41,7 +41,7 @@ SPEED_SHARE, _GAIN = 0.5, 3.0
 
 @dataclass(frozen=True, eq=False)
 class SearchTarget(Frozen):
-    """An object that is looked for.
+    """A lost object with its expected pose.
 
     Attributes:
         X_WO: Where it is expected, shape (4, 4) [m].
@@ -59,13 +59,13 @@ class SearchTarget(Frozen):
 def search_configuration(
     search_target: SearchTarget, q: Array, X_WC: Array, reachability: Reachability
 ) -> Array | None:
-    """The configuration from which the arm looks for an object.
+    """Configuration from which the wrist camera searches an object.
 
     Args:
         search_target: What it looks for.
         q: Joint positions [rad], shape (7,).
         X_WC: Pose of the camera, which is on the hand, z forward, shape (4, 4).
-        reachability: Tells which configurations are admissible.
+        reachability: Test of configurations.
 
     Returns:
         Shape (7,) [rad]; None if there is none.
@@ -91,7 +91,7 @@ def configurations_at(
         views: These poses, z forward, shape (n, 4, 4) [m].
         q: Joint positions [rad], shape (7,).
         X_WC: Where the camera is now, shape (4, 4).
-        reachability: Tells which configurations are admissible.
+        reachability: Test of configurations.
 
     Returns:
         The soonest one for each, shape (n, 7) [rad], and travel times, shape (n,) [s]: see

@@ -1,4 +1,4 @@
-"""The distance grid of obstacles whose place is given."""
+"""Signed-distance grid of static obstacles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An arm that notices that it has touched something, by its joint torques, and gives way.
+"""Contact reaction: collision detection by external joint torques, and retreat.
 
 Torques that nothing but contact explains are what an iiwa's controller estimates and reports. Where
 on the arm it was touched need not be known: the contact pushes the arm along ``tau``, since it does

@@ -1,4 +1,4 @@
-"""Compiled rows of the safety QP: how fast each close pair of bodies may approach.
+"""Compiled rows of the safety QP: velocity dampers between close pairs (Faverjon 1987).
 
 A row is ``grad d . qd >= -gain (d - clearance)`` with the distance d of two capsules, of a
 capsule's end and the table, or of one of the arm's balls and an obstacle, each with a clearance of

@@ -1,4 +1,4 @@
-"""What stands between a controller and an arm that is commanded by positions alone.
+"""Command guard: rate-limited forwarding of position commands, and braking on timeout.
 
 A driver in position mode keeps the last command for ever. If the controller dies while the arm
 moves, that command stops it dead, harder than any limit allows. The guard follows what the
@@ -44,7 +44,7 @@ class CommandGuard:
     SPEED, SPEED_GAIN = 0.95, 10.0
     #: A request farther from the measured position is none [rad].
     MAX_DISTANCE = 0.25
-    #: The command waits for the arm when it is so far ahead of it [rad].
+    #: The command waits for the arm when it is this much ahead of it [rad].
     MAX_LEAD = 0.10
 
     @checked(ControlError)
@@ -66,7 +66,7 @@ class CommandGuard:
         self.moving = self.received = False
 
     def request(self, stamp: float, q: Array) -> bool:
-        """Takes in where the arm should be; says whether that can be used.
+        """Accepts requested positions; returns whether they are valid.
 
         One that is not finite is none, nor is one that is not later than the last, unless there has
         been none for so long that another controller has begun.

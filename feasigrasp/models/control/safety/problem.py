@@ -1,4 +1,4 @@
-"""Compiled: the matrices of the safety QP, and rounding of its solution."""
+"""Compiled matrices of the safety QP, and rounding of its solution."""
 
 import numpy as np
 
@@ -134,7 +134,7 @@ def clip_kernel(qd, vector):
 
 @compiled
 def brake_kernel(qd_last, acceleration_scale, period):
-    """The next velocity (7,) if only the last one is known: slower; zero where not finite."""
+    """The next velocity (7,) of braking from the last one; zero where not finite."""
     qd = np.zeros(IIWA_7.joints)
     for i in range(len(qd_last)):
         change = acceleration_scale * IIWA_7.acceleration_limits[i] * period

@@ -1,4 +1,4 @@
-"""Joint velocities that keep an arm inside its limits and out of collision, by a small QP.
+"""Safety filter: the closest admissible joint velocity, by a small QP.
 
 A controller asks for a twist of the hand, for a joint velocity, or for both; this solves::
 
@@ -54,7 +54,7 @@ from feasigrasp.models.robot.capsules import arm_balls, capsule_model, hand_poin
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-_SOFT = 8  # DAQP's flag of a constraint that may be violated at a price
+_SOFT = 8  # DAQP's flag of a constraint that may be violated with a penalty
 _NONE, _NO_ROWS = np.empty(0), np.empty((0, IIWA_7.joints))
 _NO_GRID = ObstacleGrid(np.empty((0, 0, 0), dtype=np.float32), np.zeros(5))
 _NO_OBJECT = MovingObject(_NO_GRID, np.eye(4), np.zeros(6))
@@ -62,7 +62,7 @@ _NO_OBJECT = MovingObject(_NO_GRID, np.eye(4), np.zeros(6))
 
 @dataclass(frozen=True)
 class SafetyOptions:
-    """How close the arm may come to its limits and to everything else.
+    """Limits and clearances of the safety filter.
 
     Attributes:
         period: Time between commands, that of the drive [s].

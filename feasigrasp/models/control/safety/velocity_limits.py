@@ -1,4 +1,4 @@
-"""Joint velocity limits: bounds for the safety QP, and one tick of the drive.
+"""Joint velocity bounds from position, velocity and acceleration limits; one tick of the drive.
 
 Bounds: how fast each joint may be, so that it never leaves its limits whatever the request.
 

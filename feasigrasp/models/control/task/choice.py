@@ -1,20 +1,20 @@
-"""Which grasp to go for, in which configuration, and when to change it.
+"""Selection of grasp, branch and arm angle by least cost over the prediction horizon.
 
 An object that turns, or that goes round the robot's base, takes every grasp out of the arm's reach
 sooner or later. A controller that follows the nearest grasp until a limit stops it loses the object
-for long, and where it ends up is chance. Here the object's motion is predicted, and all *strands*
-(a grasp or its 180-degree flip, and one of the eight inverse-kinematics branches, over all arm
-angles) are followed along it until they end at a joint limit, a collision or the table. What is
-minimised is the distance of hand and object, added up over the time that is looked ahead:
+for long, and where it ends up is chance. Here the object's motion is predicted, and all
+*candidates* (a grasp or its 180-degree flip, and one of the eight inverse-kinematics branches, over
+all arm angles) are followed along it until they end at a joint limit, a collision or the table.
+What is minimised is the distance of hand and object, added up over the time that is looked ahead:
 
-- of going to a strand: the way there, at the joints' speed limits, to where its grasp will be;
-- of being there: the grasp's own distance from the object's centre, prices for a low score and for
-  a low density of the mixture of all grasps, for low manipulability and for being close to a joint
-  limit;
-- of its end: a price that falls with the time until then.
+- of the motion to a candidate, at the joints' speed limits, to where its grasp will be;
+- of being there: the grasp's own distance from the object's centre, penalties for a low score and
+  for a low density of the mixture of all grasps, for low manipulability and for being close to a
+  joint limit;
+- of its end: a terminal cost that falls with the time until then.
 
-The present strand may also be left later, for what will then be best. So the arm changes grasps in
-time, takes the way round that is shorter in the long run, and unwinds before a limit stops it.
+The present candidate may also be left later, for what will then be best. So the arm changes grasps
+in time, takes the way round that is shorter in the long run, and unwinds before a limit stops it.
 
 The grasps round the chosen one are weighed by the same costs, ``exp(-cost / temperature)``; what
 the hand goes for follows from that (`feasigrasp.models.control.task.target`).
@@ -52,14 +52,14 @@ _MOST = 50.0
 
 @dataclass(frozen=True)
 class ChoiceOptions:
-    """When another grasp is chosen.
+    """Options for the selection of a grasp candidate.
 
     Attributes:
         costs: How far is looked ahead, and what is charged.
         prediction: What the object is taken to do meanwhile, a `PredictionModel`.
         hysteresis: A grasp is kept at least so long [s].
-        commitment: Another strand must be better by this much [s], and so must it be to be on this
-            one later than was planned before.
+        commitment: Another candidate must be better by this much [s], and so must it be to be on
+            this one later than was planned before.
         temperature: Grasps near the chosen one weigh e times less per so much cost [s].
         neighbourhood: How near that is [m], see `neighbours`; 0 for none but the chosen one.
         smoothing: Share of the way to a new arm angle that is gone when a choice is confirmed.
@@ -86,7 +86,7 @@ class ChoiceOptions:
 
 @dataclass(frozen=True, eq=False)
 class GraspChoice(Frozen):
-    """The strand that the arm is on, or on its way to.
+    """The selected candidate.
 
     Attributes:
         X_OG: The grasp in the object frame, shape (4, 4) [m].
@@ -94,8 +94,8 @@ class GraspChoice(Frozen):
             choice.
         psi: Arm angle to be at by the time ``interception_time`` [rad].
         interception_time: When that is [s].
-        since: When this strand was chosen [s].
-        count: How many times another strand was chosen.
+        since: When this candidate was chosen [s].
+        count: Number of changes of the candidate.
         cost: Of the plan [s].
         rate: What a second at the grasp costs by itself.
         steps: Tangent vectors to the grasps near it that can be held in its branch, itself first,
@@ -147,8 +147,8 @@ def choose_grasp(
             `CostWeights.grasp_rates`.
         X_WO: Predicted poses of the object, shape (K + 1, 4, 4), at the instants
             ``options.costs.instants_from(t, choice.interception_time)``.
-        reachability: Tells which configurations are admissible.
-        options: Horizon and prices.
+        reachability: Test of configurations.
+        options: Horizon and cost weights.
         committed: Whether the hand is closing, or has closed, on the first of the grasps. Then it
             stays in its branch, whatever that costs: the way to another one leads away from the
             object, or takes it along.
@@ -207,7 +207,7 @@ def _changed(
     problem: Plan,
     options: ChoiceOptions,
 ) -> GraspChoice:
-    """The choice of the strand that a way leads to; none if it leads nowhere."""
+    """The choice of the candidate at the end of a branch switch; none without one."""
     if way.grasp < 0:
         return GraspChoice(count=choice.count)
     return GraspChoice(
@@ -237,7 +237,7 @@ def _held(choice: GraspChoice, t: float, q: Array, X_OG: Array, rate: float) -> 
 def _confirmed(
     q: Array, grasp: int, choice: GraspChoice, t: float, problem: Plan, options: ChoiceOptions
 ) -> BranchSwitch:
-    """The plan of going on with a strand: on it when that was planned before, if possible."""
+    """The plan that keeps a candidate, with the interception time planned before if possible."""
     plan, _ = remaining_cost_kernel(q, len(problem.times) - 1, grasp, choice.branch, problem)
     if plan.grasp < 0 or t >= choice.interception_time:
         return plan

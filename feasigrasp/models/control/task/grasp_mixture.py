@@ -1,4 +1,4 @@
-"""A Riemannian mixture over grasps that remembers which grasps it was fitted to.
+"""Riemannian mixture over grasps, with the assignment of grasps to components.
 
 The mean of a component is often no grasp at all. Targets of the hand are therefore the medoids: of
 each component the most plausible grasp.
@@ -21,7 +21,8 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.mixtures.fit import fit_best_mixture
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
-#: No grasp lies farther than this from all means, so that no component straddles twins [rad].
+#: No grasp lies farther than this from all means, so that no component straddles symmetric grasps
+#: [rad].
 MAX_ROTATION = np.deg2rad(75.0)
 #: A component is the one before if its mean moved less than this, in metres.
 SAME_COMPONENT = 0.05

@@ -1,4 +1,4 @@
-"""What the task-space controller remembers from one adaptation to the next."""
+"""State of the task-space controller between two updates."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class TaskMemory(Frozen):
     followed: int = UNKNOWN
 
     def with_grasps(self, grasps: GraspSet, max_components: int, seed: int) -> TaskMemory:
-        """The same with the mixture over ``grasps``, fitted anew only if they are others.
+        """The memory with the mixture over ``grasps``, refitted if they have changed.
 
         Args:
             grasps: Hand poses in the object frame.
@@ -69,17 +69,17 @@ class TaskMemory(Frozen):
         *,
         committed: bool = False,
     ) -> TaskMemory:
-        """The same with the choice confirmed or changed.
+        """The memory with the choice confirmed or changed.
 
-        A grasp that is none any more, on what was seen by now, is not followed on.
+        A grasp that is none any more, on the observed surface, is dropped.
 
         Args:
             time: Present time [s].
             q: Joint positions [rad], shape (7,).
             X_WO_predicted: Poses of the object at the instants of the plan, see `choose_grasp`,
                 shape (K + 1, 4, 4).
-            reachability: Tells which configurations are admissible.
-            options: Horizon and prices of a choice.
+            reachability: Test of configurations.
+            options: Horizon and cost weights.
             committed: Whether the hand is closing, or has closed, on the one grasp there is.
         """
         X_OG, rates, seen = self.grasps.X_OG, np.zeros(0), self.seen
@@ -102,6 +102,6 @@ class TaskMemory(Frozen):
         return replace(self, choice=choice, seen=seen, followed=followed)
 
     def _is_still_one(self) -> bool:
-        """Whether the grasp followed is a grasp on what was seen by now, as far as is known."""
+        """Whether the grasp followed is still a grasp on the observed surface."""
         known = self.grasps.on_object
         return known is None or self.followed in known

@@ -1,8 +1,8 @@
-"""The joint velocity that takes the arm onto a strand and along it.
+"""Joint velocity towards and along a candidate path, by weighted least squares.
 
-On a strand the arm follows its reference. On the way there, the joint that takes longest sets the
-duration: it moves at its speed limit, and every other joint need only be in time with it. What is
-free meanwhile keeps the hand close to the object::
+On a candidate path the arm follows its reference. On the way there, the joint that takes longest
+sets the duration: it moves at its speed limit, and every other joint need only be in time with it.
+What is free meanwhile keeps the hand close to the object::
 
     min  sum_j w_j ((qd_j - qd*_j) / v_j)^2 + w_p ((n . J_p qd - v_n) / v_0)^2
 
@@ -29,7 +29,7 @@ from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 @dataclass(frozen=True)
 class PursuitOptions:
-    """How a strand is pursued.
+    """Gains and weights of the pursuit of a candidate.
 
     Attributes:
         gain: Rate at which the distance to the reference decreases [1/s].
@@ -52,7 +52,7 @@ class PursuitOptions:
 
     @cached_property
     def record(self) -> NDArray[np.void]:
-        """The same for kernels."""
+        """The options as a record for kernels."""
         return record(self)
 
 
@@ -64,11 +64,11 @@ def pursuit_velocity(
     X_FG: Array,
     options: PursuitOptions,
 ) -> Array:
-    """Joint velocity towards and along a strand, limits of position and clearance not considered.
+    """Joint velocity towards and along a candidate path, without position limits and clearance.
 
     Args:
         q: Joint positions [rad], shape (7,).
-        reference: Where the strand wants the arm.
+        reference: Reference configuration of the candidate.
         X_WO: Object pose, shape (4, 4).
         V_WO: Object twist [angular; linear], shape (6,).
         X_FG: Grasp frame on the flange, shape (4, 4).

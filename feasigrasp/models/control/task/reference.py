@@ -1,8 +1,9 @@
-"""Where a chosen strand wants the arm to be, tick by tick.
+"""Reference configuration and velocity of the selected candidate, at the control rate.
 
-A strand is a grasp and an inverse-kinematics branch, see `feasigrasp.models.control.task.choice`;
-between two plans it is continued in closed form, at the arm angle that the plan asks for. An arm
-that is near has an arm angle of its own, which changes to that one smoothly.
+A candidate is a grasp and an inverse-kinematics branch, see
+`feasigrasp.models.control.task.choice`; between two plans it is continued in closed form, at the
+arm angle that the plan asks for. An arm that is near has an arm angle of its own, which changes to
+that one smoothly.
 """
 
 from __future__ import annotations
@@ -38,13 +39,13 @@ _FAR = 0.4
 
 @dataclass(frozen=True, eq=False)
 class CandidateReference:
-    """Where a strand wants the arm to be.
+    """Reference configuration and velocity of a candidate.
 
     Attributes:
         q: Configuration, on the way into the grasp [rad], shape (7,).
         qd: Its velocity as the object moves and the arm angle changes [rad/s], shape (7,).
         X_OT: Pose of the hand in it, in the object frame, shape (4, 4) [m].
-        on_candidate: Whether the arm is in the strand's branch already.
+        on_candidate: Whether the arm is in the candidate's branch.
     """
 
     q: Array
@@ -67,8 +68,8 @@ def candidate_reference(
     """Configuration and velocity that follow the choice, at the control rate (10 us).
 
     The hand is led to its target, far away the middle of the grasps round the chosen one and at
-    last the grasp itself (`target_kernel`), through the funnel; it stays back less where a joint
-    limit does not allow more.
+    last the grasp itself (`target_kernel`), through the approach corridor; it stays back less where
+    a joint limit does not allow more.
 
     Args:
         choice: What was chosen.
@@ -76,9 +77,9 @@ def candidate_reference(
         q: Joint positions [rad], shape (7,).
         X_WO: Object pose, shape (4, 4).
         V_WO: Object twist [angular; linear], shape (6,).
-        reachability: Its gripper tells where the flange is.
-        options: The funnel.
-        interception: Pose and twist of the object when the strand is due: what is asked for is
+        reachability: Its gripper gives the pose of the flange.
+        options: The approach corridor.
+        interception: Pose and twist of the object at the interception time: what is asked for is
             where that will be then, as far behind the grasp as the hand has to be now.
 
     Returns:
@@ -156,7 +157,7 @@ def _reference_kernel(
     qd_ref,
     X_OT,
 ):
-    """Writes what `candidate_reference` returns: 1 on the strand, 0 on the way, -1 if nowhere."""
+    """Writes what `candidate_reference` returns: 1 on the candidate, 0 on the way, -1 if none."""
     if not np.isfinite(X_WO_now.sum() + X_WO.sum() + V_WO.sum() + q.sum()):
         return -1
     X_WH, X_WF = np.empty((4, 4)), np.empty((4, 4))

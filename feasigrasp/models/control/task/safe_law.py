@@ -48,7 +48,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
-# The way to where a strand will be: there in time, and then as quick as it.
+# Interception of a candidate: there in time, with its velocity.
 #
 # An arm that runs after a quick object's grasp, wherever that is at the moment, turns as sharply as
 # it does: it is at its acceleration limits all the time, and late. Where a grasp is due at a known
@@ -70,7 +70,7 @@ _INSTANT = 0.01
 def object_at_interception(
     motion: Motion | None, X_WO: Array, V_WO: Array, left: float, options: ChoiceOptions
 ) -> tuple[Array, Array]:
-    """Pose (4, 4) and twist (6,) [angular; linear] of the object in so much time.
+    """Pose (4, 4) and twist (6,) [angular; linear] of the object at the interception time.
 
     Args:
         motion: What is known of its motion; without it the object keeps its twist at best.
@@ -88,7 +88,7 @@ def object_at_interception(
 def interception_velocity(
     q: Array, v: Array, q_meet: Array, v_meet: Array, left: float, period: float
 ) -> Array:
-    """Joint velocity of the next tick (7,) [rad/s], on the way to a meeting.
+    """Joint velocity of the next tick (7,) [rad/s], on the way to an interception.
 
     Args:
         q: Positions now [rad], shape (7,).

@@ -1,4 +1,4 @@
-"""The pose that the hand goes for: up the density of the grasps round the chosen one.
+"""Target pose of the hand: a mean-shift step over the grasps near the selected one.
 
 The grasps near the chosen one, X*, which the arm can hold in the same branch, have weights: of
 their score, of the density of all grasps there, and of what each costs the arm from here on

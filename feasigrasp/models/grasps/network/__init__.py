@@ -1,1 +1,1 @@
-"""The equivariant network that proposes grasps."""
+"""The equivariant grasp network."""

@@ -1,4 +1,4 @@
-"""The grasp network in torch: what maps features of contacts to grasps.
+"""Architecture of the grasp network in torch: contact features to grasps.
 
 It takes a batch of B clouds of n points and gives, for every point, how likely a grasp starts
 there and which:
@@ -11,7 +11,7 @@ there and which:
   is held by its wall or round its outside, and nothing in between is a grasp of it;
 - a ring of approach directions round each contact shares one small perceptron; it sees the room
   that the hand has that way and in the ways beside it, the vectors' components in the ring's frame,
-  and the invariants, and tells how likely the hand is free.
+  and the invariants, and gives the probability that the hand is free.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Contacts(NamedTuple):
 
 
 class Heads(NamedTuple):
-    """What a network says of every contact.
+    """Outputs of a network per contact.
 
     Attributes:
         contact: Logit that a grasp starts there, (B, n).
@@ -136,7 +136,7 @@ class ContactNetwork(nn.Module):
             self.gates.bias.zero_()
 
     def forward(self, x: Contacts, rows: Tensor | None = None) -> Heads:
-        """What the network says of a batch of contacts; of m chosen ones if their rows are given.
+        """Outputs for a batch of contacts; for m chosen ones if their rows are given.
 
         Args:
             x: Features of whole clouds.
@@ -201,7 +201,7 @@ def _turns(like: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def chosen_points(values: Tensor, rows: Tensor, dim: int) -> Tensor:
-    """Some of the points, whose axis is ``dim``, of every cloud of a batch."""
+    """Selected points, along axis ``dim``, of every cloud of a batch."""
     dim = dim % values.dim()
     shape = [1] * values.dim()
     shape[0], shape[dim] = rows.shape

@@ -1,4 +1,4 @@
-"""From a grasp input to what the grasp networks start from: equivariant vectors, invariant numbers.
+"""Features of contacts for the grasp networks: equivariant vectors and invariant scalars.
 
 All of it moves with the object: translations leave it as it is, rotations turn the vectors, another
 order of the points gives the same rows in that order.
@@ -29,7 +29,7 @@ VECTORS, NUMBERS = 13, 20
 #: Points of the object that stand for it when the room for the hand is measured.
 _CLOUD = 128
 #: Surface is half as sure when it is expected to be this far off [m].
-_UNSURE = 0.004
+_DEVIATION_SCALE = 0.004
 #: Radii of the neighbourhoods of a contact, the last one among the points that stand for the
 #: object, and of the contact opposite [m].
 _NEAR_RADII, _WIDE_RADIUS, _FAR_RADIUS = (0.012, 0.024), 0.048, 0.02
@@ -41,7 +41,7 @@ _UNKNOWN_WIDTH = 0.06
 
 @dataclass(frozen=True, eq=False)
 class ContactFeatures:
-    """What is known of n contacts before anything learnt comes in.
+    """Geometric features of n contacts.
 
     Attributes:
         axes: Inward unit normals, shape (n, 3).
@@ -90,7 +90,7 @@ def contact_features(
         raise GraspError("the normals of a grasp input must have unit length")
     centred = points - points.mean(0)
     axes, across = -normals, np.empty_like(normals)
-    confidence = kind.type(_UNSURE) / (scalars[:, 0] + kind.type(_UNSURE))
+    confidence = kind.type(_DEVIATION_SCALE) / (scalars[:, 0] + kind.type(_DEVIATION_SCALE))
     chosen = farthest_points(centred.astype(float), min(_CLOUD, len(centred)))
     cloud = (centred[chosen], normals[chosen], confidence[chosen])
     _reference_directions(centred, axes, across)
@@ -133,7 +133,7 @@ def _assemble(
     kind = centred.dtype.type
     scale, scale_of_deviation, least, zero = (
         kind(1.0 / LENGTH_SCALE),
-        kind(_UNSURE),
+        kind(_DEVIATION_SCALE),
         kind(1e-3),
         kind(0.0),
     )

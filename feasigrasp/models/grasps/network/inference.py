@@ -1,4 +1,4 @@
-"""The default grasp network without torch, several times quicker: what runs at perception's rate.
+"""Inference of the default grasp network in numba, without torch.
 
 The same function as `feasigrasp.models.grasps.network.architectures.ContactNetwork`, whose weights
 it takes. Eager torch writes every intermediate result of the whole cloud to memory and reads it
@@ -98,10 +98,10 @@ class FusedContactNetwork:
             modes: Approaches per contact that are kept, M; at most a third of all.
 
         Returns:
-            In float64: the probability of the contact (n,); closing directions (n, 3); likeliest
-            widths and the scales of their Laplace distributions (n,) [m]; approaches (n, M, 3),
-            best first, none beside a better one on the ring, and the probabilities that they are
-            free (n, M).
+            In float64: the probability of the contact (n,); closing directions (n, 3); most
+            probable widths and the scales of their Laplace distributions (n,) [m]; approaches (n,
+            M, 3), best first, none beside a better one on the ring, and the probabilities that they
+            are free (n, M).
         """
         n, w = len(x.chords), self.weights
         kind = w.encode.dtype

@@ -175,7 +175,7 @@ def _add_product(x, y, out):
 def contacts_kernel(
     encoded, shift, numbers, room, frames, turns, context, w, tilts, head_outputs, tilt, free
 ):
-    """Writes what is said of contacts, their tilts (3, n), and how free approaches are.
+    """Writes the outputs per contact, tilts (3, n), and logits of free approaches.
 
     Args:
         encoded: Vectors (3, C, n).

@@ -1,4 +1,4 @@
-"""The trained grasp network: from the surface of an object to a grasp at every point.
+"""The trained grasp network: one grasp for every surface point of an object.
 
 See `feasigrasp.models.grasps.network.architectures` for what it computes. It is exactly
 equivariant: grasps move with the object. It works without torch.
@@ -41,12 +41,13 @@ _FILE = WeightsFormat("grasp network", "feasigrasp grasp_network 1", "feasigrasp
 
 @dataclass(frozen=True, eq=False)
 class GraspProposals(Frozen):
-    """What a network proposes at each of n points, in the frame O of its input.
+    """Proposals of a network at each of n points, in the frame O of its input.
 
     Attributes:
         contact: Probability that a valid grasp starts at the point, shape (n,).
         closing: Closing direction b from there into the object, unit, shape (n, 3).
-        width: Likeliest distance to the contact opposite, or more, see `with_room` [m], shape (n,).
+        width: Most probable distance to the contact opposite, or more, see `with_room` [m], shape
+            (n,).
         width_deviation: Standard deviation of the width, if it is that one [m], shape (n,).
         approach: M approach directions, best first, unit and perpendicular to ``closing``, shape
             (n, M, 3).
@@ -155,7 +156,7 @@ class GraspNetwork(Frozen):
         return network.eval().requires_grad_(False)
 
     def with_gripper(self, gripper: ParallelGripper) -> Self:
-        """The same network for another hand; no training is needed."""
+        """The network for another hand, without training."""
         return replace(self, gripper=gripper)
 
     def propose(self, surface: GraspInput) -> GraspProposals:
@@ -189,7 +190,7 @@ def with_room(width: Array, deviation: Array, opening: float) -> Array:
     A finger that is too far out costs nothing, one that is too near stands in the object.
 
     Args:
-        width: Likeliest widths, shape (n,) [m].
+        width: Most probable widths, shape (n,) [m].
         deviation: Their standard deviations, shape (n,) [m].
         opening: Of the hand [m].
 

@@ -1,8 +1,8 @@
-"""What a grasp network is shown of an object: points, normals and invariant scalars.
+"""Input of a grasp network: surface points, normals and invariant scalars.
 
 Surface that was seen is best known by the observed points, the rest by the completed surface, so
 the input is a choice of both that covers the object evenly. The scalars do not change with the
-object's pose; they spare a network what the distance field already knows: how sure the surface is,
+object's pose; they give a network the estimates of the distance field: certainty of the surface,
 and what a finger opposite would meet.
 """
 

@@ -1,6 +1,6 @@
-"""What surrounds each contact, computed from the points alone: nothing in here is learnt.
+"""Geometric features of the neighborhood of each contact, without learned parameters.
 
-Two things about point i that no layer acting on single points could tell, both in one pass over
+Two things about point i that no layer acting on single points can compute, both in one pass over
 pairs of points:
 
 - `neighbourhoods`: how the surface bends, as equivariant vectors. Over the points j round a place p
@@ -49,7 +49,7 @@ def neighbourhoods(
     confidence: Floats,
     radii: tuple[float, ...],
 ) -> Floats:
-    """How a surface bends round some places.
+    """Local curvature features of a surface.
 
     Args:
         centers: Places near the surface, shape (n, 3) [m].
@@ -83,7 +83,7 @@ def hand_room(
     gripper: ParallelGripper,
     directions: int,
 ) -> Floats:
-    """How far the open hand would be inside the cloud, for directions round each closing axis.
+    """Penetration of the open hand into the cloud, for directions about each closing axis.
 
     Args:
         points: Contacts, shape (n, 3) [m].

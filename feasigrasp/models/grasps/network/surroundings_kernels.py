@@ -10,7 +10,7 @@ from feasigrasp.models.numerics.simd import wide_vectors
 
 
 class HandSizes(NamedTuple):
-    """Where the boxes of the open hand lie in its grasp frame, as `room_kernel` takes it [m].
+    """Boxes of the open hand in its grasp frame, for `room_kernel` [m].
 
     Attributes:
         finger_x: From the middle to the middle of a finger, along the closing axis.

@@ -1,4 +1,4 @@
-"""Vector neurons: network layers whose channels are vectors, exactly equivariant to rotations.
+"""Vector neurons: layers that are equivariant to rotations (Deng et al., ICCV 2021).
 
 After Deng, Litany, Duan, Poulenard, Tagliasacchi, Guibas, "Vector Neurons: A General Framework for
 SO(3)-Equivariant Networks", ICCV 2021. A feature is a list of C vectors instead of C numbers. A
@@ -63,7 +63,7 @@ class VectorLinearReLU(nn.Module):
 
 
 def squared_length(vectors: Tensor) -> Tensor:
-    """Of vectors (..., 3, n, C), to divide by: (..., 1, n, C); infinite where they vanish."""
+    """Squared lengths of vectors (..., 3, n, C): (..., 1, n, C); infinite where they vanish."""
     square = (vectors * vectors).sum(-3, keepdim=True)
     return torch.where(square > _NOTHING, square, torch.inf)
 
