@@ -58,7 +58,7 @@ sys.exit(main(["perceive", "--cloud", "cloud.pcd", "--on-table", "--sampler", "a
     ("arguments", "says"),
     [
         (["train", "sampler"], "error: 'feasigrasp train sampler' needs torch, which is not"),
-        (["perceive", "--sample", "--sampler", "paper"], "grasp network 'paper' needs torch"),
+        (["perceive", "--sample", "--sampler", "paper"], "sampler 'paper' needs torch"),
         (["perceive", "--sample", "--sampler", "diffusion"], "sampler 'diffusion' needs torch"),
     ],
 )

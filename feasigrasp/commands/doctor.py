@@ -27,7 +27,7 @@ from feasigrasp.errors import FeasigraspError
 from feasigrasp.resources import diagram_path
 
 #: Modules of packages that are called otherwise.
-_MODULES = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
+_MODULES = {"drake": "pydrake", "lazy-loader": "lazy_loader", "pillow": "PIL", "pyyaml": "yaml"}
 #: What needs one of `LARGE_PACKAGES`.
 _PARTS = {
     "torch": "training and the samplers paper and diffusion",

@@ -90,5 +90,5 @@ def test_counts_are_limits(can):
 def test_samplers_by_name():
     sampler = make_sampler("antipodal", n_candidates=100, n_grasps=5)
     assert (sampler.n_candidates, sampler.n_grasps) == (100, 5)
-    with pytest.raises(GraspError, match="network, paper, antipodal"):
+    with pytest.raises(GraspError, match="network, antipodal"):
         make_sampler("magic")

@@ -63,7 +63,7 @@ def test_the_network_is_the_default_and_a_sampler_of_ones_own_will_do():
     distance = found.gpdf.distance(np.zeros((1, 3)))
     assert own.load.probability()[0] < 0.01  # beside the ball: the best there is all the same
     np.testing.assert_allclose(own.score, distance * BEST)
-    with pytest.raises(GraspError, match="sampler is 'magic'; choose one of network, paper, anti"):
+    with pytest.raises(GraspError, match="sampler is 'magic'; choose one of network, antipodal"):
         perceive(seen_sphere(), sampler="magic")
 
 

@@ -25,7 +25,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import min_distance
-from feasigrasp_lab.paper.task_law import paper_task_space_velocity
+from feasigrasp_lab.paper.task_law import PaperTaskOptions, paper_task_space_velocity
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 REACHABILITY = Reachability()
@@ -179,7 +179,7 @@ def test_an_object_that_is_nowhere_stops_the_arm(ring_of_grasps, part, bad):
         where = choice, X_WO, V_WO, REACHABILITY, SAFETY, OPTIONS
         qd = task_space_velocity(HOME, *where)
         braking = task_space_velocity(HOME, *where, qd_last=moving)
-        paper = paper_task_space_velocity(HOME, mixture, X_WO, V_WO, X_FG, OPTIONS)
+        paper = paper_task_space_velocity(HOME, mixture, X_WO, V_WO, X_FG, PaperTaskOptions())
     np.testing.assert_allclose(qd, 0.0, atol=1e-12)
     np.testing.assert_array_equal(paper, 0.0)
     assert (braking >= 0.0).all() and (braking < moving).all()
@@ -240,8 +240,8 @@ def test_the_choice_of_the_object_frame_changes_nothing(ring_of_grasps):
     )
     in_P = GraspMixture(in_P, X_PO @ mixture.X_OG, mixture.component, mixture.medoid)
     np.testing.assert_allclose(
-        paper_task_space_velocity(HOME, in_P, X_WP, V_WP, X_FG, OPTIONS),
-        paper_task_space_velocity(HOME, mixture, X_WO, V_WO, X_FG, OPTIONS),
+        paper_task_space_velocity(HOME, in_P, X_WP, V_WP, X_FG, PaperTaskOptions()),
+        paper_task_space_velocity(HOME, mixture, X_WO, V_WO, X_FG, PaperTaskOptions()),
         atol=1e-7,
     )
 
@@ -271,7 +271,7 @@ def test_random_states_and_grasps_give_finite_commands(mode, seed):
         V_WO = rng.normal(size=6)
         if mode == "paper":
             mixture = fit_grasp_mixture(grasps, 10, rng)
-            qd = paper_task_space_velocity(q, mixture, X_WO, V_WO, X_FG, OPTIONS)
+            qd = paper_task_space_velocity(q, mixture, X_WO, V_WO, X_FG, PaperTaskOptions())
         else:
             qd = command(q, grasps, X_WO, V_WO)[0]
             assert (np.abs(qd) <= IIWA_7.velocity_limits).all()
