@@ -301,18 +301,20 @@ def measured(
         return found.GetOutputPort(port).Eval(found.GetMyContextFromRoot(context))
 
     times, samples = log("metrics")
-    q, v = np.split(log("arm")[1].T, 2, axis=1)
+    q, _ = np.split(log("arm")[1].T, 2, axis=1)
     if sent is None:
         sent = log("drive")[1].T[:, : IIWA_7.joints]
     # A simulation that breaks off does so between the logs of an instant.
     whole = min(len(sent), len(q))
-    sent, q, v = sent[:whole], q[:whole], v[:whole]
+    sent, q = sent[:whole], q[:whole]
     motion = make_motion(scenario)
     contact = diagram.GetSubsystemByName("contact")
     metrics = summarize(
         samples,
         closes=scenario.grasp.close,
-        ticks=JointTicks(sent, q, v, scenario.control.period),
+        ticks=JointTicks(
+            sent, log("velocity")[1].T, scenario.control.period, station.plant.time_step()
+        ),
         obstacle_distance=log("obstacle_distance")[1],
         truth=ObjectTruth(
             path=np.array([motion.pose(t) for t in times]),

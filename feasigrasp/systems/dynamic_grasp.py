@@ -106,7 +106,8 @@ def make_dynamic_grasp(
     ``obstacle_distance``, ``contact``, ``view_time(latency)`` and ``view_time(reachable)``. The
     vector logs ``log(metrics)`` and ``log(obstacle_distance)`` hold their samples, ``log(drive)``
     and ``log(arm)`` the commanded and the true state of the arm at the control rate,
-    ``log(torque)`` the torques of its motors at every step of the plant. With a Meshcat there are
+    ``log(torque)`` and ``log(velocity)`` the torques of its motors and its true velocity at every
+    step of the plant. With a Meshcat there are
     ``scene``, ``visualizer`` and ``camera_pictures`` as well; with a scene field
     ``scene_perception``, ``clear_grasps`` and ``clear_hand_poses``; with ``segmentation: depth``
     ``foreground``; with a tracker of ``kind: camera`` ``true_frame``, and ``in_view`` if the arm

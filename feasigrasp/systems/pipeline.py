@@ -338,6 +338,7 @@ def add_judges(cell: Cell) -> None:
         ("arm", station.GetOutputPort("iiwa.state_estimated"), cell.scenario.control.period),
         # At every step of the plant, which computes them anyway; in between it would do so anew.
         ("torque", station.GetOutputPort("iiwa.torque_measured"), station.plant.time_step()),
+        ("velocity", station.GetOutputPort("iiwa.velocity_estimated"), station.plant.time_step()),
     ):
         LogVectorOutput(port, cell.builder, period).set_name(f"log({name})")
 

@@ -247,5 +247,5 @@ def rollout_metrics(samples: Array, states: Array, period: float) -> dict[str, A
     close = x["grasp_position_error"] < TRACKED_POSITION
     tracked = close & (x["grasp_angle_error"] < TRACKED_ANGLE)
     cost = 100.0 * float(distance.mean() - distance[tracked].mean()) if tracked.any() else None
-    ticks = JointTicks(sent=q, position=q, velocity=qd, period=period)
+    ticks = JointTicks(sent=q, velocity=qd, period=period, step=period)
     return summarize(samples, closes=False, ticks=ticks) | {"regrip_cost_cm": cost}

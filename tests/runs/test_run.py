@@ -112,6 +112,8 @@ def test_metrics_of_the_record_are_those_of_the_samples():
         "acceleration_peak_percent",
         "obstacle_distance_min_mm",
         "true_acceleration_peak_percent",
+        "true_acceleration_violation_percent",
+        "contact_impulse_n_s",
         *(name for name in METRICS if name.startswith(("self_", "torque_"))),
         *(name for name in METRICS if name.startswith(("control_", "planning_"))),
         "friction",

@@ -25,7 +25,7 @@ class ObjectTruth:
     Attributes:
         path: Where its motion would have it at every sample, shape (n, 4, 4) [m].
         contact: What `feasigrasp.systems.station.object_contact.ObjectContact` says at the end,
-            shape (3,).
+            shape (4,).
         touched: Whether arm or hand touched it at the end.
         broke_off: Whether the simulation failed.
     """
@@ -61,6 +61,27 @@ def pushed_metrics(
     }
 
 
+def displaced_metrics(X_WO: Array, X_WP: Array, carried: Mask) -> dict[str, float | None]:
+    """Object displacement while the fingers close.
+
+    Args:
+        X_WO: True pose of the object, shape (n, 4, 4) [m].
+        X_WP: Where its motion would have it at the same time, shape (n, 4, 4).
+        carried: Samples from the start of closing to letting go, shape (n,).
+
+    Returns:
+        ``displaced_mm``, ``turned_deg``: the largest distance and angle of these samples; None
+        without any.
+    """
+    if not carried.any():
+        return {"displaced_mm": None, "turned_deg": None}
+    distance, angle = _displacement(X_WO[carried], X_WP[carried])
+    return {
+        "displaced_mm": 1e3 * float(distance.max()),
+        "turned_deg": float(np.rad2deg(angle.max())),
+    }
+
+
 def closing_speed(X_WP: Array, phase: Array, period: float) -> float | None:
     """Speed of the object on its path when the fingers last began to close [m/s].
 
@@ -83,16 +104,20 @@ def contact_metrics(contact: Array) -> dict[str, float | None]:
     """Premature contact: arm or hand with the object before closing.
 
     Args:
-        contact: How long the hand approached, how long of it there was contact [s], and the
-            largest force [N], shape (3,).
+        contact: How long the hand approached, how long of it there was contact [s], the largest
+            force [N], and the impulse of the contact force, shape (4,) [N s].
 
     Returns:
-        ``contact_force_peak_n`` and ``contact_time_percent``, the latter None if the hand never
-        approached.
+        ``contact_force_peak_n``, ``contact_impulse_n_s`` and ``contact_time_percent``, the latter
+        None if the hand never approached.
     """
-    time, touched, peak = contact
-    share = 100.0 * min(1.0, float(touched / time)) if time > 0.0 else None
-    return {"contact_force_peak_n": float(peak), "contact_time_percent": share}
+    time, touched, peak, impulse = contact.tolist()
+    share = 100.0 * min(1.0, touched / time) if time > 0.0 else None
+    return {
+        "contact_force_peak_n": peak,
+        "contact_impulse_n_s": impulse,
+        "contact_time_percent": share,
+    }
 
 
 def hold_metrics(

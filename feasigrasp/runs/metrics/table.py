@@ -15,7 +15,7 @@ class Subject(StrEnum):
 
     GRASP = "grasp"
     APPROACH = "approach"
-    OBJECT = "object before closing"
+    OBJECT = "object before release"
     ARM = "arm"
     TIME = "computing time"
 
@@ -172,15 +172,24 @@ METRICS: dict[str, Metric] = {
         "largest distance from the undisturbed motion in the approach, after 0.3 s, since the "
         "object starts at rest", digits=1,
         rows=(Figure("pushed_percent", Over.SHARE, "displaced > 5 mm before closing", above=5.0),
-              Figure("pushed_mm_max", Over.MAX, "largest displacement before closing", "mm"))),
+              Figure("pushed_mm_max", Over.MAX, "largest displacement before closing", "mm"),
+              Figure("push_mm_max", Over.MAX, "largest push", "mm"))),
     "pushed_deg": Metric(_OBJECT, "deg", "object rotation before closing",
         "largest angle, likewise", upper=180.0, main=False),
     "contact_force_peak_n": Metric(_OBJECT, "N", "peak contact force before closing",
         "largest summed contact force of the robot on the object, over all plant steps",
         rows=(Figure("contact_before_closing_percent", Over.SHARE, "premature contact",
                      above=0.0),)),
+    "contact_impulse_n_s": Metric(_OBJECT, "N s", "contact impulse before closing",
+        "time integral of that force", digits=2),
     "contact_time_percent": _percent(_OBJECT, "time in contact before closing",
         "share of these steps with contact", main=False),
+    "displaced_mm": Metric(_OBJECT, "mm", "object displacement during closing",
+        "largest distance from the undisturbed motion, from the start of closing to release",
+        digits=1,
+        rows=(Figure("displaced_mm_max", Over.MAX, "largest displacement during closing", "mm"),)),
+    "turned_deg": Metric(_OBJECT, "deg", "object rotation during closing",
+        "largest angle, likewise", upper=180.0),
     "friction": Metric(_OBJECT, "1", "friction",
         "Coulomb friction of pad and object in the plant", digits=2),
     "self_collision_percent": _percent(_ARM, "self-collision",
@@ -188,9 +197,11 @@ METRICS: dict[str, Metric] = {
     "joint_limit_violation_percent": _percent(_ARM, "joint limit violation",
         "share of samples with a joint beyond its position limit"),
     "velocity_limit_violation_percent": _percent(_ARM, "velocity limit violation",
-        "share of ticks with a velocity, sent or true, beyond its limit"),
+        "share of ticks with a velocity sent, or of plant steps with a true one, beyond its limit"),
     "acceleration_limit_violation_percent": _percent(_ARM, "acceleration limit violation",
         "share of ticks with a sent joint acceleration beyond its limit"),
+    "true_acceleration_violation_percent": _percent(_ARM, "true acceleration limit violation",
+        "share of time with a true joint acceleration, the mean over 20 ms, beyond its limit"),
     "torque_limit_violation_percent": _percent(_ARM, "torque limit violation",
         "share of plant steps with a joint torque at or beyond its limit"),
     "manipulability_mean": Metric(_ARM, "m^3", "manipulability",
@@ -208,7 +219,7 @@ METRICS: dict[str, Metric] = {
     "velocity_peak_percent": _peak("peak velocity", "largest true joint velocity"),
     "acceleration_peak_percent": _peak("peak acceleration sent", "largest joint acceleration sent"),
     "true_acceleration_peak_percent": _peak("peak true acceleration",
-        "second difference of true positions over 20 ms to either side", main=True),
+        "largest true joint acceleration, the mean over 20 ms", main=True),
     "torque_peak_percent": _peak("peak torque",
         "largest joint torque, over all plant steps",
         Figure("torque_peak_percent.worst", Over.MAX, "largest torque", digits=0)),

@@ -84,10 +84,10 @@ class ObjectContact(LeafSystem):
         output_ports:
         - approach
 
-    ``phase`` is a `Phase`. ``approach`` has three entries, over all past steps of the plant in
+    ``phase`` is a `Phase`. ``approach`` has four entries, over all past steps of the plant in
     which the hand approached: how long they were, how long of it the robot touched the object [s],
-    and the largest norm of the summed contact force [N]. Contacts of both kinds count,
-    hydroelastic and of points.
+    the largest norm of the summed contact force [N], and the integral of that norm [N s]. Contacts
+    of both kinds count, hydroelastic and of points.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class ObjectContact(LeafSystem):
         self._step = plant.time_step()
         self._results = declare_input(self, "contact_results", ContactResults())
         self._phase = self.DeclareVectorInputPort("phase", 1)
-        state = self.DeclareDiscreteState(3)
+        state = self.DeclareDiscreteState(4)
         # With the plant's own steps: the solver's result is computed once for both of them.
         self.DeclarePeriodicDiscreteUpdateEvent(self._step, 0.0, weakly(self._update))
         self.DeclareStateOutputPort("approach", state)
@@ -151,7 +151,8 @@ class ObjectContact(LeafSystem):
         results = self._results.Eval(context)
         any_contact = results.num_hydroelastic_contacts() + results.num_point_pair_contacts() > 0
         force = float(np.linalg.norm(self.force(results))) if any_contact else 0.0
-        time, touched, peak = state.value()
+        time, touched, peak, impulse = state.value()
         touched += self._step * (force > 0.0)
-        state.set_value([time + self._step, touched, max(peak, force)])
+        impulse += self._step * force
+        state.set_value([time + self._step, touched, max(peak, force), impulse])
         return EventStatus.Succeeded()

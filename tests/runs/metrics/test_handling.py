@@ -12,6 +12,7 @@ from feasigrasp.runs.metrics.handling import (
     ON_PATH_AFTER,
     closing_speed,
     contact_metrics,
+    displaced_metrics,
     hold_metrics,
     pushed_metrics,
 )
@@ -58,13 +59,32 @@ def test_without_an_approach_there_is_no_push():
     assert pushed_metrics(path(few), path(few), np.full(few, True), PERIOD) == expected
 
 
+def test_displaced_is_the_largest_distance_and_angle_while_the_fingers_close():
+    X, closing = path(100), (np.arange(100) >= 40) & (np.arange(100) < 60)
+    X[:40, :3, 3] += 0.1  # before
+    X[50, :3, 3] += [0.0, 0.003, 0.004]
+    X[55, :3, :3] = se3.so3_exp([0.0, np.deg2rad(9.0), 0.0]) @ X[55, :3, :3]
+    X[60:, :3, 3] += 0.5  # in the hand
+    found = displaced_metrics(X, path(100), closing)
+    assert found == pytest.approx({"displaced_mm": 5.0, "turned_deg": 9.0})
+    never = displaced_metrics(X, path(100), np.full(100, False))
+    assert never == {"displaced_mm": None, "turned_deg": None}
+
+
 @pytest.mark.parametrize(
-    ("contact", "peak", "share"),
-    [([2.0, 0.5, 12.0], 12.0, 25.0), ([2.0, 0.0, 0.0], 0.0, 0.0), ([0.0, 0.0, 0.0], 0.0, None)],
+    ("contact", "peak", "impulse", "share"),
+    [
+        ([2.0, 0.5, 12.0, 3.0], 12.0, 3.0, 25.0),
+        ([2.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0),
+        ([0.0, 0.0, 0.0, 0.0], 0.0, 0.0, None),
+    ],
 )
-def test_contact_is_told_as_force_and_share_of_time(contact, peak, share):
-    told = contact_metrics(np.array(contact))
-    assert told == {"contact_force_peak_n": peak, "contact_time_percent": share}
+def test_contact_is_told_as_force_impulse_and_share_of_time(contact, peak, impulse, share):
+    assert contact_metrics(np.array(contact)) == {
+        "contact_force_peak_n": peak,
+        "contact_impulse_n_s": impulse,
+        "contact_time_percent": share,
+    }
 
 
 # ------------------------------------------------------------------------------------- in the hand

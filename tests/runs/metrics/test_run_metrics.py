@@ -131,7 +131,7 @@ def test_what_is_not_given_is_not_told():
     result = summarize(
         samples(3),
         closes=False,
-        ticks=JointTicks(0.005 * np.cumsum(velocity, axis=0), 0.0 * velocity, velocity, 0.005),
+        ticks=JointTicks(0.005 * np.cumsum(velocity, axis=0), velocity, 0.005, 0.005),
         obstacle_distance=np.array([0.3, 0.02, 0.1]),
     )
     assert result["velocity_limit_violation_percent"] == pytest.approx(100.0 / 3.0)
@@ -175,7 +175,7 @@ def test_a_turn_in_the_hand_is_no_hold():
     assert result["cause"] == "slipped"
 
 
-def truth(n, path=None, contact=(0.0, 0.0, 0.0), *, touched=False, broke_off=False):
+def truth(n, path=None, contact=(0.0, 0.0, 0.0, 0.0), *, touched=False, broke_off=False):
     path = np.tile(np.eye(4), (n, 1, 1)) if path is None else path
     return ObjectTruth(path, np.array(contact), touched, broke_off)
 
@@ -187,7 +187,7 @@ def test_pushed_is_told_from_the_path_and_names_the_cause():
     x = np.where(np.arange(n) < 30, 0.5, 0.5 - 0.06)
     turn = np.where(np.arange(n) < 30, 0.0, 0.3)
     run = samples(n, phase=A, p_WO_x=x, r_WO_z=turn)
-    result = summarize(run, closes=True, truth=truth(n, path, [0.8, 0.2, 7.0]))
+    result = summarize(run, closes=True, truth=truth(n, path, [0.8, 0.2, 7.0, 0.9]))
     assert result["pushed_mm"] == pytest.approx(60.0)
     assert result["pushed_deg"] == pytest.approx(np.rad2deg(0.3))
     assert result["contact_force_peak_n"] == 7.0

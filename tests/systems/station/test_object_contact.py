@@ -77,7 +77,7 @@ class Resting:
         self.diagram.GetInputPort("phase").FixValue(self.context, [float(phase)])
 
     def advance(self, t):
-        """Time of the approach, of contact in it, and the peak force."""
+        """Time of the approach, of contact in it, the peak force and the impulse."""
         self.simulator.AdvanceTo(t)
         return self.dut.get_output_port().Eval(self.dut.GetMyContextFromRoot(self.context))
 
@@ -95,7 +95,7 @@ class Resting:
 def test_ports_are_those_of_the_docstring(tmp_path, ports, documented_ports):
     inputs, outputs = ports(Resting(tmp_path, compliant=True, robot=True).dut)
     assert (list(inputs), list(outputs)) == documented_ports(ObjectContact)
-    assert (inputs["phase"], outputs["approach"]) == (1, 3)
+    assert (inputs["phase"], outputs["approach"]) == (1, 4)
 
 
 @pytest.mark.parametrize("hand_first", [True, False])
@@ -104,10 +104,10 @@ def test_it_is_the_weight_of_what_rests_on_the_hand(tmp_path, compliant, hand_fi
     resting = Resting(tmp_path, compliant=compliant, robot=True, hand_first=hand_first)
     landing = np.sqrt(2.0 * DROP / 9.81)
     before = resting.advance(landing - 0.01).copy()
-    np.testing.assert_allclose(before, [landing - 0.01, 0.0, 0.0], atol=1.5 * DT)
+    np.testing.assert_allclose(before, [landing - 0.01, 0.0, 0.0, 0.0], atol=1.5 * DT)
     assert not resting.touches()
     weight = resting.obj.mass * 9.81
-    time, touched, peak = resting.advance(1.0)
+    time, touched, peak, impulse = resting.advance(1.0)
     assert resting.touches()
     force = resting.force()
     assert force[2] == pytest.approx(weight, rel=0.01 if compliant else 0.3)
@@ -116,13 +116,15 @@ def test_it_is_the_weight_of_what_rests_on_the_hand(tmp_path, compliant, hand_fi
     assert time == pytest.approx(1.0, abs=1.5 * DT)
     assert 0.5 * (1.0 - landing) < touched < 1.0 - landing + 2 * DT  # it may bounce
     assert peak > weight  # it fell
+    # It begins and ends at rest: the contact has taken up the impulse of the weight.
+    assert impulse == pytest.approx(weight * 1.0, rel=0.02 if compliant else 0.1)
 
 
 @pytest.mark.parametrize("hand_first", [True, False])
 @pytest.mark.parametrize("compliant", [True, False], ids=["hydroelastic", "points"])
 def test_contact_with_others_does_not_count(tmp_path, compliant, hand_first):
     resting = Resting(tmp_path, compliant=compliant, robot=False, hand_first=hand_first)
-    np.testing.assert_allclose(resting.advance(0.5), [0.5, 0.0, 0.0], atol=1.5 * DT)
+    np.testing.assert_allclose(resting.advance(0.5), [0.5, 0.0, 0.0, 0.0], atol=1.5 * DT)
     assert not resting.touches()
     assert np.linalg.norm(resting.force()) == 0.0
 
@@ -131,5 +133,5 @@ def test_only_the_approach_counts(tmp_path):
     resting = Resting(tmp_path, compliant=True, robot=True)
     resting.advance(0.04)
     resting.set_phase(Phase.CLOSE)
-    np.testing.assert_allclose(resting.advance(0.5), [0.04, 0.0, 0.0], atol=1.5 * DT)
+    np.testing.assert_allclose(resting.advance(0.5), [0.04, 0.0, 0.0, 0.0], atol=1.5 * DT)
     assert resting.touches()
