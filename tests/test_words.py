@@ -25,9 +25,7 @@ NAMES = {
     "said": "feasigrasp_lab/baselines/diffusion_energy.py",  # a layer, by this name in the weights
 }
 #: Sentences in which such a word has its ordinary meaning.
-SENTENCES = re.compile(
-    r"feasigrasp (?:evaluate followable|fit certainty)|feasigrasp-evaluate-\w+|--blows|so far as"
-)
+SENTENCES = re.compile(r"feasigrasp fit certainty|feasigrasp-evaluate-\w+|--blows|so far as")
 
 
 def tokens(text: str) -> list[tokenize.TokenInfo]:

@@ -7,7 +7,7 @@ from importlib import import_module
 
 from feasigrasp.runs.results.arguments import add_common_arguments
 
-BENCHMARKS = ("shape", "kinematics", "reachability", "control", "safety", "sampler")
+BENCHMARKS = ("shape", "kinematics", "reachability", "control", "sampler")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

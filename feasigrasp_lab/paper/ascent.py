@@ -11,7 +11,6 @@ those leads uphill whatever the covariances are like.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
@@ -22,7 +21,6 @@ from feasigrasp.models.geometry.se3_kernels import (
     right_jacobian_inverse_kernel,
 )
 from feasigrasp.models.mixtures.kernels import Parameters, evaluate_kernel, posterior_kernel
-from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
 #: Pulls cancel where their sum is shorter than this share of their lengths ...
 CANCEL = 0.2
@@ -39,7 +37,7 @@ def _length(v: Array) -> float:
 
 @compiled
 def ascent_kernel(X: Array, parameters: Parameters, out: Array) -> None:
-    """Writes the direction of :func:`ascent_direction` at one pose."""
+    """Writes the preconditioned ascent direction (6,) at a pose, disturbed where pulls cancel."""
     _ascent(X, parameters, False, out)
 
 
@@ -47,7 +45,7 @@ def ascent_kernel(X: Array, parameters: Parameters, out: Array) -> None:
 def gradient_kernel(X: Array, parameters: Parameters, out: Array) -> None:
     """Writes the gradient of the log density at one pose, as `RiemannianMixture` has it.
 
-    Where the pulls cancel, so does the gradient; there the disturbance of `ascent_direction` is
+    Where the pulls cancel, so does the gradient; there the disturbance of `ascent_kernel` is
     added, in units of the gradient: times the mean of the inverse covariances.
     """
     _ascent(X, parameters, True, out)
@@ -131,26 +129,3 @@ def _disturb(
             best_step[:] = step
     for i in range(6):
         out[i] += strength * best_step[i] / RADIUS
-
-
-@compiled
-def _ascents(X: Array, parameters: Parameters, out: Array) -> None:
-    for i in range(len(X)):
-        ascent_kernel(X[i], parameters, out[i])
-
-
-def ascent_direction(mixture: RiemannianMixture, X: ArrayLike) -> Array:
-    """The preconditioned ascent direction, with a disturbance where the pulls cancel.
-
-    Args:
-        mixture: Density over poses.
-        X: Poses, shape (..., 4, 4).
-
-    Returns:
-        Body displacements, shape (..., 6) [rad, m]. Zero only if the pulls cancel and none
-        of the surrounding points has a higher density.
-    """
-    X = np.ascontiguousarray(X, dtype=float)
-    out = np.empty((*X.shape[:-2], 6))
-    _ascents(X.reshape(-1, 4, 4), mixture.parameters, out.reshape(-1, 6))
-    return out

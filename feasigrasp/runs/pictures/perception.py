@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
+from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from pydrake.geometry import Rgba
 from pydrake.math import RigidTransform, RotationMatrix
@@ -77,37 +75,6 @@ def write_perception_html(perception: Perception, filename: Path) -> None:
     place = 2.2 * size * (towards / np.linalg.norm(towards) + np.array([0.0, 0.0, 0.15]))
     meshcat.SetCameraPose(place, np.zeros(3))
     write_html(meshcat, filename)
-
-
-def two_rows(titles: Sequence[str], sides: tuple[str, str]) -> tuple[Figure, Any]:
-    """A figure and its axes, shape (2, columns).
-
-    Args:
-        titles: Of the columns, names of objects.
-        sides: Names of the rows.
-    """
-    figure = Figure(figsize=(2.7 * len(titles), 6.3))
-    axes = figure.subplots(2, len(titles), squeeze=False)
-    figure.subplots_adjust(left=0.04, right=0.99, top=0.935, bottom=0.11, wspace=0.03, hspace=0.08)
-    for ax, title in zip(axes[0], titles, strict=True):
-        ax.set_title(title.replace("_", " "), fontsize=11)
-    for height, side in zip((0.73, 0.31), sides, strict=True):
-        figure.text(0.012, height, side, rotation=90, va="center", fontsize=11)
-    return figure, axes
-
-
-def add_scale(
-    figure: Figure,
-    colors: Colormap,
-    most: float,
-    label: str,
-    place: tuple[float, float, float, float] = (0.3, 0.055, 0.4, 0.016),
-) -> None:
-    """A colour scale from 0 to ``most`` below the panels, at left, bottom, width and height."""
-    scale = ScalarMappable(Normalize(0.0, most), colors)
-    bar = figure.colorbar(scale, cax=figure.add_axes(place), orientation="horizontal")
-    bar.set_label(label, fontsize=8, labelpad=1)
-    bar.ax.tick_params(labelsize=7, pad=1)
 
 
 #: From surface that was seen to surface that was made up.
@@ -194,10 +161,10 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
     frame(axes[3], front, np.concatenate([everything, lines.reshape(-1, 3)]))
     scale_bar(axes[3])
 
-    label, place = (
-        "uncertainty: distance from the observed surface [mm]",
-        (0.375, 0.075, 0.25, 0.022),
-    )
-    add_scale(figure, UNCERTAINTY_COLORS, 1e3 * MOST_UNCERTAIN, label, place)
+    scale = ScalarMappable(Normalize(0.0, 1e3 * MOST_UNCERTAIN), UNCERTAINTY_COLORS)
+    place = figure.add_axes((0.375, 0.075, 0.25, 0.022))
+    bar = figure.colorbar(scale, cax=place, orientation="horizontal")
+    bar.set_label("uncertainty: distance from the observed surface [mm]", fontsize=8, labelpad=1)
+    bar.ax.tick_params(labelsize=7, pad=1)
     figure.suptitle(title, y=0.985, fontsize=12)
     save_figure(figure, filename, dpi=100)

@@ -13,8 +13,8 @@ from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jaco
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
-from feasigrasp_lab.paper.ascent import ascent_direction
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
+from tests.lab.paper.ascents import ascent_direction
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 X_FG = ParallelGripper().X_FG

@@ -13,12 +13,12 @@ from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.reach.predicted_reachability import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp_lab.paper.ascent import ascent_direction
 from feasigrasp_lab.paper.task_law import (
     PaperTaskOptions,
     least_norm_kernel,
     paper_task_space_velocity,
 )
+from tests.lab.paper.ascents import ascent_direction
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 X_FG = Reachability().gripper.X_FG

@@ -16,8 +16,6 @@ from feasigrasp_lab.runs.floating_gripper import (
     hold_trials,
     load,
 )
-from feasigrasp_lab.studies.grasp_labels import sample_grasps, summary_rows
-from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 
 
 def turned(angle_deg):
@@ -76,26 +74,3 @@ def test_another_hand_holds_what_is_too_wide_for_the_packaged_one():
     assert hold_trials(block, turned(0.0), WSG_50)[0].held
     wide = np.roll(np.eye(4)[:, :3], 1, axis=1)  # closes along y, beside the block
     assert hold_trials(block, np.column_stack([wide, [0, 0.1, 0, 1]]), WSG_50)[0].why == "missed"
-
-
-def test_sampled_grasps_are_free_and_half_valid():
-    truth = TrueGrasps(trimesh.creation.icosphere(subdivisions=4, radius=0.03))
-    gripper = ParallelGripper()
-    X_OG, valid, cosine = sample_grasps(truth, gripper, 8, np.random.default_rng(0))
-    assert len(X_OG) == 8 and valid.sum() == 4
-    assert truth.hand_free(X_OG, gripper).all()
-    np.testing.assert_array_equal(truth.valid(X_OG, gripper), valid)
-    assert cosine[valid].min() > cosine[~valid].max()
-
-
-def test_rows_count_agreement():
-    tried = ((1, 1, 4.0), (1, 1, 6.0), (0, 1, 90.0), (1, 0, 80.0), (0, 0, None))
-    records = [{"held": h, "valid": v, "turn_deg": turn} for h, v, turn in tried]
-    rows = {(row.name, row.preset): row for row in summary_rows(records)}
-    assert rows["labels.held_percent", "valid"].value == pytest.approx(100 * 2 / 3)
-    assert rows["labels.held_percent", "not antipodal"].value == pytest.approx(50)
-    agreement = rows["labels.agreement_percent", "all"]
-    assert agreement.value == pytest.approx(60)
-    assert agreement.low < 60 < agreement.high and agreement.n == 5
-    turned = rows["labels.turn_deg.median", "valid"]
-    assert turned.value == pytest.approx(5.0) and turned.n == 2

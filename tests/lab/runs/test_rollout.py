@@ -13,9 +13,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
-from feasigrasp.scenario.sampling import make_motion
 from feasigrasp_lab.runs.rollout import ROLLOUT_METRICS, object_grasps, roll_out
-from feasigrasp_lab.studies.prediction import MEASUREMENTS, motion_errors
 
 SPEED = np.array([0.3, -0.2, 0.1, 0.25, -0.1, 0.2, 0.4])
 
@@ -77,12 +75,3 @@ def test_grasps_are_those_of_the_object_and_the_seed():
     assert 0 < len(grasps) <= 16
     np.testing.assert_array_equal(grasps.X_OG, again.X_OG)
     assert np.linalg.norm(grasps.X_OG[:, :3, 3], axis=1).max() < 0.05
-
-
-@pytest.mark.parametrize("kind", list(MEASUREMENTS))
-def test_the_filter_is_better_than_a_difference(kind):
-    errors = motion_errors(make_motion(scenario("PaperSinusoidal")), *MEASUREMENTS[kind], 0, 8.0)
-    for figure in ("velocity_mm_s", "ahead_4s_cm"):
-        peer = "difference over 20 ms" if figure == "velocity_mm_s" else "true twist held"
-        ours = "filter" if figure == "velocity_mm_s" else "predictor"
-        assert errors[f"{figure}/{ours}"] < 0.5 * errors[f"{figure}/{peer}"]

@@ -16,7 +16,6 @@ from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.bench import soak
 from feasigrasp_lab.protocols.fault_table import FAULTS
 from feasigrasp_lab.report.static import faults_report
 from feasigrasp_lab.runs import isolated
@@ -58,15 +57,9 @@ def test_every_fault_meets_every_object_controller_and_instant():
 
 
 def test_runs_have_their_controller():
-    arguments = argparse.Namespace(
-        scenario_file=None, scenario_text=None, objects="ball", seed=3, quick=True, minutes=1.0
-    )
     for controller in ("task", "joint"):
         for run in nominal_runs(options("--controllers", controller, "--instants", "2")):
             assert run.scenario.control.controller == controller
-        scenario = soak.soak_scenario(arguments, "duck", controller)
-        assert scenario.control.controller == controller
-        assert scenario.random_seed == scenario.tracker.seed == 3
 
 
 def test_the_study_has_the_faults_that_it_must_have():

@@ -149,21 +149,6 @@ def test_evaluation_reports_every_judge_and_goes_on(fitted, tmp_path, capsys, mo
     assert len(list((tmp_path / "judges").iterdir())) == again
 
 
-def test_capability_picture(fitted, tmp_path):
-    command = ["evaluate", "capability", "--out", str(tmp_path), "--spacing", "0.25"]
-    command += ["--orientations", "6", "--file", str(fitted / "reachable_space.npz")]
-    assert cli.main(command) == 0
-    assert (tmp_path / "slices.png").stat().st_size > 20_000
-    html = (tmp_path / "capability.html").read_text()
-    assert "<html" in html and len(html) > 100_000
-    with (tmp_path / "vertical.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    middle = [row for row in rows if float(row["x"]) == 0.5 and float(row["z"]) == 0.5]
-    assert float(middle[0]["exact_share"]) > 0.4
-    corner = [row for row in rows if float(row["x"]) == -1.0 and float(row["z"]) == 1.25]
-    assert float(corner[0]["exact_share"]) == 0.0
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

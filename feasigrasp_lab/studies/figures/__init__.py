@@ -1,1 +1,0 @@
-"""Commands that draw the result of a stage, and measure it."""
