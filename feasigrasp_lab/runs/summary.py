@@ -12,7 +12,7 @@ import numpy as np
 from feasigrasp.models.control.mode import SAFE
 from feasigrasp.runs.metrics.table import FIGURES, METRICS, Over
 from feasigrasp.runs.results.rows import Row
-from feasigrasp.runs.results.statistics import grouped, mean_of_objects, share_of_objects
+from feasigrasp.runs.results.statistics import grouped, mean_of_objects
 from feasigrasp_lab.protocols.ablations import ablation_rows
 from feasigrasp_lab.protocols.speed import curve_point
 from feasigrasp_lab.runs.studies import suffix_of
@@ -59,7 +59,7 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
     Presets are ``<scenario>/<controller>/<mode>``, with ``all`` (and the suffix of a study) where
     runs are put together, ``<motion>/<m/s>`` for the points of the speed curve, and
     ``<scenario>/<controller>/<mode>/<object>`` for single objects if there are several. In means
-    and shares every object counts once, and their intervals come from drawing the objects anew; a
+    and shares every object counts once; intervals of means come from drawing the objects anew. A
     figure that no run of a group has is left out. Ablations are compared with the runs of the whole
     (`ablation_rows`).
 
@@ -124,9 +124,10 @@ def _share_rows(preset: str, records: Sequence[Record]) -> list[Row]:
             if present and figure.over is Over.SHARE:
                 values, objects = zip(*present, strict=True)
                 true = [value > figure.above for value in values]
-                rows.append(_percent(figure.name, preset, true, objects))
+                rows.append(Row.percent(f"dynamic.{figure.name}", preset, true, objects))
     broken = [run["error"] is not None for run in records]
-    return [*rows, _percent("failed_percent", preset, broken, [run["object"] for run in records])]
+    names = [run["object"] for run in records]
+    return [*rows, Row.percent("dynamic.failed_percent", preset, broken, names)]
 
 
 def _cause_rows(preset: str, records: Sequence[Record], causes: Sequence[str]) -> list[Row]:
@@ -134,8 +135,8 @@ def _cause_rows(preset: str, records: Sequence[Record], causes: Sequence[str]) -
     closing = [run for run in records if run["metrics"]["grasp_held"] is not None]
     objects = [run["object"] for run in closing]
     return [
-        _percent(
-            f"cause.{cause}_percent",
+        Row.percent(
+            f"dynamic.cause.{cause}_percent",
             preset,
             [run["metrics"]["cause"] == cause for run in closing],
             objects,
@@ -161,10 +162,6 @@ def _present(name: str, records: Sequence[Record]) -> list[tuple[float, str]]:
     """A metric or timing of the records that have it, with their objects."""
     found = [((r["metrics"] | r["timings"]).get(name), r["object"]) for r in records]
     return [(float(value), each) for value, each in found if value is not None]
-
-
-def _percent(name: str, preset: str, outcomes: Sequence[bool], objects: Sequence[str]) -> Row:
-    return Row.of(f"dynamic.{name}", preset, share_of_objects(outcomes, objects), "%", 100.0)
 
 
 def format_table(rows: Sequence[Row]) -> str:

@@ -67,14 +67,15 @@ def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:
     groups = grouped(outcomes, lambda each: str(each["fault"])) | {"all": list(outcomes)}
     rows = []
     for preset, group in groups.items():
-        n, held = len(group), [each["held"] for each in group]
+        n, objects = len(group), [each["object"] for each in group]
+        held, named = ([each[key] for each in group] for key in ("held", "named"))
         noticed = [each["noticed_s"] for each in group if each["noticed_s"] is not None]
         crashes, broken = (sum(each[key] for each in group) for key in ("crashed", "broken"))
         rows += [
             Row.plain("faults.crashes", preset, crashes, "1", n),
             Row.plain("faults.limits_broken", preset, broken, "1", n),
-            Row.percent("faults.named_percent", preset, [each["named"] for each in group]),
-            Row.percent("faults.held_percent", preset, held),
+            Row.percent("faults.named_percent", preset, named, objects),
+            Row.percent("faults.held_percent", preset, held, objects),
         ]
         if noticed:
             median = float(np.median(noticed))

@@ -95,7 +95,8 @@ def main(args: argparse.Namespace) -> int:
     write_csv(args.out / "pairs.csv", outcomes)
     rows = outcome_rows(outcomes)
     held = [bool(record["metrics"]["grasp_held"]) for record in inline]
-    rows.insert(0, Row.percent("hardware.held_percent", "inline", held))
+    objects = [record["object"] for record in inline]
+    rows.insert(0, Row.percent("hardware.held_percent", "inline", held, objects))
     report_rows(args, "evaluate hardware-loop", rows, format_rows(rows))
     return int(any(outcome["crashed"] for outcome in outcomes))
 
@@ -111,6 +112,7 @@ def planned_pairs(
     faulted = list(zip(itertools.cycle(runs), faults, strict=False))
     return {
         f"{number}-{fault or 'none'}-{run.id}": {
+            "object": run.scenario.object.model,
             "text": dump_scenario(run.scenario),
             "fault": str(fault),
             "at": float(rng.uniform(*_DURING)),
@@ -130,7 +132,7 @@ def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
         item: One of `planned_pairs`.
         rate: Of the simulation, at most.
     """
-    record: Record = {"name": name, "fault": item["fault"], "at": item["at"]}
+    record: Record = {"name": name} | {key: item[key] for key in ("object", "fault", "at")}
     try:
         report = run_pair(name, item["text"], rate=rate, fault=item["fault"], at=item["at"])
     except FeasigraspError as error:
@@ -166,7 +168,8 @@ def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:
         n, broken = len(group), sum(each["broken"] for each in group)
         if preset != "blows":
             held = [each["held"] for each in group]
-            rows.append(Row.percent("hardware.held_percent", preset, held))
+            objects = [each["object"] for each in group]
+            rows.append(Row.percent("hardware.held_percent", preset, held, objects))
         rows.append(Row.plain("hardware.limits_broken", preset, broken, "1", n))
     for name, key, worst in (
         ("hardware.command_gap_ms.max", "request_gap_ms_max", np.max),

@@ -213,7 +213,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def summary_rows(records: Sequence[Record]) -> list[Row]:
-    """All rows; intervals are of objects drawn anew, or Wilson's where trials are counted."""
+    """All rows; intervals are of objects drawn anew, of shares by `share_of_objects`."""
     rows = []
     for preset, of_preset in grouped(records, itemgetter("preset")).items():
         for condition, name in (("1view", "completed"), ("true", "true")):
@@ -235,8 +235,9 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
             name = f"sampler.precision.{condition}"
             rows.append(_pooled(name, preset, found, _precision, "1"))
             rows.append(_pooled(f"{name}.per_view", preset, found, _precision_per_view, "1"))
-            tops = [r["top_valid"] for r in found if r["top_valid"] is not None]
-            rows.append(Row.percent(f"sampler.top1_valid_percent.{condition}", preset, tops))
+            tops = [r for r in found if r["top_valid"] is not None]
+            name = f"sampler.top1_valid_percent.{condition}"
+            rows.append(_share(name, preset, tops, [r["top_valid"] for r in tops]))
             graspable = [r for r in found if r["graspable"]]
             # Coverage is asked for with one view; other conditions are named.
             suffix = (condition != "1view") * f".{condition}"
@@ -244,16 +245,21 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
                 ("sampler.coverage_percent", [r["valid"] > 0 for r in graspable]),
                 ("sampler.ten_offered_percent", [r["grasps"] >= TEN for r in graspable]),
             ):
-                rows.append(Row.percent(name + suffix, preset, counted))
+                rows.append(_share(name + suffix, preset, graspable, counted))
         for choice in ("top1", "random"):
-            held = [r["held"] for r in _of(of_preset, "hold", choice=choice) if r["graspable"]]
-            if held:
-                rows.append(Row.percent(f"sampler.held_{choice}_percent", preset, held))
+            holds = [r for r in _of(of_preset, "hold", choice=choice) if r["graspable"]]
+            if holds:
+                held = [r["held"] for r in holds]
+                rows.append(_share(f"sampler.held_{choice}_percent", preset, holds, held))
         errors = [r["equivariance_error"] for r in of_preset if "equivariance_error" in r]
         if errors:
             name = "sampler.equivariance.f64"
             rows.append(Row.plain(name, preset, max(errors), "1", len(errors)))
     return rows
+
+
+def _share(name: str, preset: str, records: Sequence[Record], outcomes: Sequence[bool]) -> Row:
+    return Row.percent(name, preset, outcomes, [record["object"] for record in records])
 
 
 def write_records(records: Sequence[Record], folder: Path) -> None:

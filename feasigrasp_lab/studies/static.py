@@ -23,7 +23,7 @@ from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.runs.results.arguments import add_common_arguments, names, positive, select_objects
 from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
-from feasigrasp.runs.results.statistics import grouped, mean_of_objects, share_of_objects
+from feasigrasp.runs.results.statistics import grouped, mean_of_objects
 from feasigrasp_lab.measures.grasps import GRASPABLE, is_graspable
 from feasigrasp_lab.protocols.changes import both
 from feasigrasp_lab.protocols.static import ABLATIONS, PROTOCOLS, WHOLE
@@ -180,10 +180,7 @@ def _outcomes(preset: str, group: Sequence[Record], prefix: str = "static.") -> 
     shares = {"held_percent": held}
     for cause in sorted({r["metrics"]["cause"] for r in group} - {None}):
         shares[f"cause.{cause}_percent"] = [r["metrics"]["cause"] == cause for r in group]
-    return [
-        Row.of(f"{prefix}{name}", preset, share_of_objects(so, objects), "%", 100.0)
-        for name, so in shares.items()
-    ]
+    return [Row.percent(f"{prefix}{name}", preset, so, objects) for name, so in shares.items()]
 
 
 def _report(

@@ -311,13 +311,16 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
             values = [r[name] for r in runs if r[name] is not None]
             if values:
                 rows.append(Row.of(name, preset, mean(values, 0.0), unit))
-        rows.append(Row.percent("tracking.lost_percent", preset, [r["lost"] for r in runs]))
-        back = [r["back"] for r in runs if r["back"] is not None]
+        objects = [r["object"] for r in runs]
+        rows.append(
+            Row.percent("tracking.lost_percent", preset, [r["lost"] for r in runs], objects)
+        )
+        back = [(r["back"], r["object"]) for r in runs if r["back"] is not None]
         if back:
-            rows.append(Row.percent("tracking.recovered_percent", preset, back))
+            rows.append(Row.percent("tracking.recovered_percent", preset, *zip(*back, strict=True)))
         if condition.startswith("follow"):
             ends = [r["end_mm"] for r in runs if r["end_mm"] is not None]
             rows.append(Row.of("tracking.drift_mm.60s", preset, mean(ends, 0.0), "mm"))
             on = [r["end_mm"] is not None and r["end_mm"] < _ON_OBJECT for r in runs]
-            rows.append(Row.percent("tracking.on_object_percent.60s", preset, on))
+            rows.append(Row.percent("tracking.on_object_percent.60s", preset, on, objects))
     return rows

@@ -6,7 +6,7 @@ import argparse
 import csv
 import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, SupportsFloat
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.outputs import write_text
 from feasigrasp.runs.results.arguments import command_line
 from feasigrasp.runs.results.provenance import cholesky_ms, git_revision, machine, versions
-from feasigrasp.runs.results.statistics import Estimate, proportion
+from feasigrasp.runs.results.statistics import Estimate, proportion, share_of_objects
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,24 @@ class Row:
         return cls(name, preset, factor * estimate.value, low, high, unit, estimate.n)
 
     @classmethod
-    def percent(cls, name: str, preset: str, outcomes: ArrayLike) -> Row:
-        """A row of how many percent of some outcomes are true, with Wilson's interval."""
+    def percent(
+        cls, name: str, preset: str, outcomes: ArrayLike, objects: Sequence[Hashable] = ()
+    ) -> Row:
+        """A row of how many percent of some outcomes are true.
+
+        Args:
+            name: What is measured.
+            preset: Under which conditions.
+            outcomes: True or false per run.
+            objects: The object of each, for `share_of_objects`; without any, runs are independent
+                and the interval is Wilson's.
+        """
         true = np.asarray(outcomes, dtype=bool)
-        return cls.of(name, preset, proportion(int(true.sum()), len(true)), "%", 100.0)
+        if len(objects) > 0:
+            share = share_of_objects(true, objects)
+        else:
+            share = proportion(int(true.sum()), len(true))
+        return cls.of(name, preset, share, "%", 100.0)
 
 
 def write_json(content: dict[str, Any], filename: Path) -> None:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import binomtest, norm, rankdata, t
+from scipy.stats import norm, rankdata, t
 
 from feasigrasp.models.arrays import Array, Mask
 
 CONFIDENCE = 0.95
+#: Quantile of the standard normal distribution with that confidence.
+_Z = float(norm.ppf(0.5 + 0.5 * CONFIDENCE))
 _RESAMPLES = 500
 #: Draws of objects for a mean: they cost next to nothing there.
 _DRAWS = 10_000
@@ -49,7 +51,7 @@ def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list
 
 
 def proportion(successes: int, n: int) -> Estimate:
-    """A share of runs in [0, 1], with Wilson's score interval.
+    """A share of independent runs in [0, 1], with Wilson's score interval.
 
     Wilson (1927), "Probable inference, the law of succession, and statistical inference"; it stays
     sensible at 0 and 1, where the normal approximation shrinks to a point.
@@ -60,10 +62,7 @@ def proportion(successes: int, n: int) -> Estimate:
     """
     if n == 0:
         return Estimate(0.0, None, None, 0)
-    share = successes / n
-    interval = binomtest(successes, n).proportion_ci(CONFIDENCE, method="wilson")
-    # Rounding must not leave the estimate outside its own interval at 0 and 1.
-    return Estimate(share, min(share, float(interval.low)), max(share, float(interval.high)), n)
+    return Estimate(successes / n, *_wilson(successes / n, n), n)
 
 
 def mean(values: ArrayLike, lower: float = -math.inf, upper: float = math.inf) -> Estimate:
@@ -118,21 +117,61 @@ def mean_of_objects(
 def share_of_objects(outcomes: ArrayLike, objects: Sequence[Hashable]) -> Estimate:
     """A share of runs in [0, 1]: the mean over objects of each one's share.
 
-    Its interval is that of `mean_of_objects`. Where all runs agree, resampling has no information:
-    then it is Wilson's for as many trials as there are objects, as if each had been tried once.
-    Runs of a single object have Wilson's interval over the runs.
+    Its interval is Wilson's with the effective number of runs, n / (1 + (m - 1) rho) for m runs of
+    each object (Saha, Miller and Wang, 2016, "A comparison of some approximate confidence intervals
+    for a single proportion for clustered binary outcome data"). The intra-object correlation rho is
+    that of the analysis of variance, at least 0, and 1 where all runs agree. rho has a lower bound:
+    the interval is as wide as that of each outcome whose rarer results are a part of these, those
+    of the worst objects. Another failure thus never makes it narrower. Runs of a single object
+    count as independent.
 
     Args:
         outcomes: True or false per run, at least one.
         objects: The object of each.
     """
-    true = np.asarray(outcomes, dtype=bool)
-    k = len(set(objects))
-    if k < 2:
+    true, index = np.asarray(outcomes, dtype=bool), _numbered(objects)
+    runs, successes = np.bincount(index).astype(float), np.bincount(index, true)
+    if len(runs) < 2:
         return proportion(int(true.sum()), len(true))
-    if true.all() or not true.any():
-        return replace(proportion(k if true.all() else 0, k), n=len(true))
-    return mean_of_objects(true, objects)
+    share = float(np.mean(successes / runs))
+    rarer = successes if share < 0.5 else runs - successes
+    worst = np.argsort(-rarer / runs, kind="stable")
+    n, width = 0.0, 0.0
+    for failed in range(len(runs) + 1):
+        part = np.where(np.isin(np.arange(len(runs)), worst[:failed]), rarer, 0.0)
+        n = _effective_runs(part, runs)
+        low, high = _wilson(float(np.mean(part / runs)), n)
+        width = max(width, high - low)
+    return Estimate(share, *_wilson(share, min(n, _runs_of_width(share, width))), len(true))
+
+
+def _effective_runs(successes: Array, runs: Array) -> float:
+    """The number of independent runs with as much information, by successes and runs of objects."""
+    k, n = len(runs), float(runs.sum())
+    if n == k:
+        return n
+    shares = successes / runs
+    between = runs @ (shares - successes.sum() / n) ** 2 / (k - 1)
+    within = runs @ (shares * (1.0 - shares)) / (n - k)
+    size = (n - runs @ runs / n) / (k - 1)  # runs of each object, by the analysis of variance
+    total = between + (size - 1.0) * within
+    rho = max(0.0, (between - within) / total) if total > 0.0 else 1.0
+    return float(n / (1.0 + (runs @ runs / n - 1.0) * rho))
+
+
+def _wilson(share: float, n: float) -> tuple[float, float]:
+    """Wilson's interval of a share of ``n`` runs, which need not be a whole number."""
+    u = _Z**2 / n
+    half = math.sqrt(share * (1.0 - share) * u + 0.25 * u**2) / (1.0 + u)
+    center = (share + 0.5 * u) / (1.0 + u)
+    # Rounding must not leave the share outside its own interval at 0 and 1.
+    return max(0.0, min(share, center - half)), min(1.0, max(share, center + half))
+
+
+def _runs_of_width(share: float, width: float) -> float:
+    """The number of runs with which `_wilson` has that width: a quadratic equation."""
+    b = 2.0 * share * (1.0 - share) - width**2
+    return _Z**2 * (1.0 - width**2) / (math.sqrt(b**2 + (1.0 - width**2) * width**2) - b)
 
 
 def _numbered(objects: Sequence[Hashable]) -> Array:
@@ -190,7 +229,7 @@ def area_under_curve(score: Array, positive: Mask) -> Estimate:
     area = float((rankdata(score)[positive].sum() - n * (n + 1) / 2) / (n * m))
     q1, q2 = area / (2.0 - area), 2.0 * area**2 / (1.0 + area)
     variance = area * (1.0 - area) + (n - 1) * (q1 - area**2) + (m - 1) * (q2 - area**2)
-    half = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) * math.sqrt(max(variance, 0.0) / (n * m))
+    half = _Z * math.sqrt(max(variance, 0.0) / (n * m))
     return Estimate(area, max(area - half, 0.0), min(area + half, 1.0), n + m)
 
 

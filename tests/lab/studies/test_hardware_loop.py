@@ -63,8 +63,8 @@ def one(fault="", **changes):
     keys = dict.fromkeys(hardware_loop.LIMITS, 0.0)
     report = {"request_gap_ms_max": 10.0, "request_gap_ms_p99": 6.0, "real_time_factor": 1.0}
     report["image_to_grasps_ms"] = 120.0
-    plain = {"fault": fault, "held": True, "broken": False, "crashed": False, "rest_s": 0.1}
-    return keys | report | plain | changes
+    plain = {"held": True, "broken": False, "crashed": False, "rest_s": 0.1}
+    return keys | report | plain | {"object": "mug", "fault": fault} | changes
 
 
 def test_rows_count_what_was_broken_and_how_long_it_takes_to_rest():
@@ -103,7 +103,7 @@ def test_what_counts_as_broken(monkeypatch, fault, change, broken):
     for part, values in change.items():
         record[part] |= values
     monkeypatch.setattr(hardware_loop, "run_pair", lambda *a, **k: record)
-    (found,) = outcome("x", {"fault": fault, "at": 1.0, "text": ""}, rate=1.0)
+    (found,) = outcome("x", {"object": "a", "fault": fault, "at": 1.0, "text": ""}, rate=1.0)
     assert found["broken"] is broken and not found["crashed"]
 
 

@@ -142,7 +142,7 @@ def test_a_recording_is_made_once_of_the_same(mug, tmp_path, monkeypatch):
 
 
 def test_rows_say_how_often():
-    figures = {"tracking.surface_mm.median": 1.0, "end_mm": 2.0}
+    figures = {"object": "mug", "tracking.surface_mm.median": 1.0, "end_mm": 2.0}
     runs = [
         {"condition": c, "tracker": "default", "lost": gone, "back": back, **figures}
         for c, gone, back in (

@@ -1,5 +1,7 @@
 """Intervals of proportions and means against published and hand-computed ones."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -105,14 +107,67 @@ def test_a_share_on_which_all_runs_agree_has_wilsons_interval_over_objects():
     assert share_of_objects([True, False], ["a", "a"]) == proportion(1, 2)
 
 
-def test_a_share_covers_the_truth_where_objects_differ():
-    """Objects that are held always or never, half of them."""
+def share(failures, objects, repeats):
+    """The share of ``objects`` with ``repeats`` runs, the first of which failed so many times."""
+    failed = [*failures, *[0] * (objects - len(failures))]
+    outcomes = [j >= n for n in failed for j in range(repeats)]
+    return share_of_objects(outcomes, [k for k in range(objects) for _ in range(repeats)])
+
+
+def test_two_failures_do_not_make_an_interval_narrower():
+    """The case that was wrong: 24 of 24 objects gave 86 to 100 %, 142 of 144 runs 96 to 100 %."""
+    none, one_object, two_objects = (share(f, 24, 6) for f in ([], [2], [1, 1]))
+    assert none.low == pytest.approx(0.862, abs=1e-3)
+    for some in (one_object, two_objects):
+        assert some.low < none.low < some.value < some.high < 1.0
+        assert some.high - some.low >= (none.high - none.low) * (1.0 - 1e-12)
+
+
+def test_no_failure_makes_an_interval_narrower():
+    """All outcomes of 18 objects with 3 runs each, by how many objects failed how many times."""
+    found = {}
+    for counts in product(range(19), repeat=3):
+        if sum(counts) <= 18:
+            outcome = (18 - sum(counts), *counts)
+            found[outcome] = share(np.repeat(range(4), outcome)[::-1], 18, 3)
+    assert len(found) == 1330
+    for outcome, before in found.items():
+        for n in range(3):
+            if outcome[n]:
+                more = list(outcome)
+                more[n], more[n + 1] = more[n] - 1, more[n + 1] + 1
+                after = found[tuple(more)]
+                if after.value >= 0.5:  # below, more failures mean more agreement
+                    assert after.high - after.low >= before.high - before.low - 1e-9
+                    assert after.low <= before.low + 1e-9
+        mirrored = found[outcome[::-1]]
+        assert before.low == pytest.approx(1.0 - mirrored.high, abs=2e-9) or before.value == 0.5
+
+
+@pytest.mark.parametrize("failures", [[1] * 18, [1] * 9, [2] * 18])
+def test_where_objects_do_not_matter_a_share_has_wilsons_interval_over_runs(failures):
+    found = share(failures, 18, 3)
+    wilson = proportion(54 - sum(failures), 54)
+    assert (found.low, found.high) == (pytest.approx(wilson.low), pytest.approx(wilson.high))
+
+
+@pytest.mark.parametrize("failures", [[6] * 3, [6]])
+def test_where_objects_decide_a_share_has_wilsons_interval_over_objects(failures):
+    found, wilson = share(failures, 18, 6), proportion(18 - len(failures), 18)
+    assert (found.low, found.high) == (pytest.approx(wilson.low), pytest.approx(wilson.high))
+
+
+@pytest.mark.parametrize("truth", [0.5, 0.9, 0.95])
+@pytest.mark.parametrize("rho", [0.01, 0.3, 0.9])
+def test_a_share_covers_the_truth_where_objects_differ(truth, rho):
+    """Success probabilities of objects are drawn from a beta distribution of that correlation."""
     rng, hits = np.random.default_rng(2), 0
-    for _ in range(400):
-        outcomes = np.repeat(rng.random(18) < 0.5, 6)
-        estimate = share_of_objects(outcomes, np.repeat(np.arange(18), 6).tolist())
-        hits += estimate.low <= 0.5 <= estimate.high
-    assert 0.92 <= hits / 400 <= 0.985
+    scale, objects = 1.0 / rho - 1.0, np.repeat(np.arange(18), 6).tolist()
+    for _ in range(1000):
+        p = rng.beta(truth * scale, (1.0 - truth) * scale, 18)
+        estimate = share_of_objects(rng.random(108) < np.repeat(p, 6), objects)
+        hits += estimate.low <= truth <= estimate.high
+    assert hits / 1000 >= 0.93
 
 
 def test_resampled_interval_of_a_mean_is_that_of_the_normal_distribution():
