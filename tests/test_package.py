@@ -55,6 +55,7 @@ ORDER = (
     ("warm_up",),
     ("commands",),
     ("cli",),
+    ("lab.networks",),
     ("lab.paper",),
     ("lab.results", "lab.baselines"),
     ("lab.training.data", "lab.training.reachability"),

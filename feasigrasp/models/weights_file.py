@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 from feasigrasp.errors import FeasigraspError, InputError
 from feasigrasp.inputs import read_arrays
 from feasigrasp.outputs import replacing
-
-if TYPE_CHECKING:
-    from torch import nn
 
 #: Where the weights that come with the package are.
 WEIGHTS = Path(__file__).resolve().parent / "weights"
@@ -90,18 +87,3 @@ def check_arrays(arrays: WeightArrays, shapes: Mapping[str, tuple[int, ...]]) ->
             raise ValueError(f"{name} is {array.dtype} {array.shape}, not float32 {shapes[name]}")
         if not np.isfinite(array).all():
             raise ValueError(f"{name} is not finite")
-
-
-def fill_network(network: nn.Module, arrays: WeightArrays) -> None:
-    """Fills a torch network; raises ValueError where the arrays are not its own."""
-    import torch  # takes a second to import, and not every network needs it
-
-    shapes = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
-    check_arrays(arrays, shapes)
-    network.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})
-
-
-def network_arrays(network: nn.Module) -> WeightArrays:
-    """The weights that a torch network has at present, by name."""
-    state = network.state_dict()
-    return {name: tensor.cpu().numpy().copy() for name, tensor in state.items()}

@@ -24,13 +24,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from feasigrasp.models.grasps.network.vector_neurons import (
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp_lab.networks.vector_neurons import (
     VectorLinear,
     VectorLinearReLU,
     lengths,
     with_mean,
 )
-from feasigrasp.models.robot.gripper import ParallelGripper
 
 #: One unit of length [m]; the authors scale by 8.
 LENGTH = 0.125

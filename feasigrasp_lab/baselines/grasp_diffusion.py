@@ -14,12 +14,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.network.surface_input import GraspInput
-from feasigrasp.models.weights_file import (
-    WeightArrays,
-    WeightsFormat,
-    fill_network,
-    network_arrays,
-)
+from feasigrasp.models.weights_file import WeightArrays, WeightsFormat
 from feasigrasp_lab import WEIGHTS
 from feasigrasp_lab.baselines.diffusion_energy import (
     LENGTH,
@@ -27,6 +22,7 @@ from feasigrasp_lab.baselines.diffusion_energy import (
     PoseEnergy,
     standard_deviation,
 )
+from feasigrasp_lab.networks.contact_network import fill_network, network_arrays
 
 #: Annealed steps of Langevin dynamics, and those that follow at the least noise and without any.
 ANNEALED, SETTLING = 70, 50

@@ -21,9 +21,7 @@ from torch import nn
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
-from feasigrasp.models.grasps.network.architectures import Contacts
 from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
-from feasigrasp.models.grasps.network.network import load_grasp_network
 from feasigrasp.models.grasps.network.surface_input import grasp_input
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import load_object
@@ -32,6 +30,7 @@ from feasigrasp.runs.results.arguments import add_common_arguments, select_objec
 from feasigrasp_lab.baselines.diffusion_sampler import DiffusionSampler
 from feasigrasp_lab.baselines.grasp_diffusion import load_grasp_diffusion
 from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
+from feasigrasp_lab.networks.contact_network import Contacts
 from feasigrasp_lab.paper.grasp_network import torch_heads, trained_network
 from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views
 
@@ -46,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def cases(view: PartialView) -> Iterator[Case]:
     """What is timed on one view."""
-    network = load_grasp_network()
+    network = trained_network("default")
     sampler = NetworkSampler(network=network, n_points=POINTS)
     cloud = fused([view])
     field = complete_shape(cloud, max_points=POINTS)

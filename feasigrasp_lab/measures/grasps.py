@@ -11,6 +11,7 @@ from feasigrasp.models.grasps.network.contact_features import contact_features
 from feasigrasp.models.grasps.network.network import GraspNetwork
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp_lab.networks.contact_network import TorchGraspNetwork
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.training.data.grasp_labels import best_labels, find_pairs
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
@@ -89,7 +90,7 @@ def is_graspable(truth: TrueGrasps, surface: GraspInput, gripper: ParallelGrippe
     return len(np.unique(pairs.point)) >= GRASPABLE
 
 
-def equivariance_error(network: GraspNetwork, surface: GraspInput, seed: int) -> float:
+def equivariance_error(network: TorchGraspNetwork, surface: GraspInput, seed: int) -> float:
     """Largest change of a float64 network's answers, once a motion of the object is undone.
 
     Over all probabilities, widths [m] and components of unit vectors; the object is turned, moved

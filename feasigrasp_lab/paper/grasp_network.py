@@ -16,23 +16,25 @@ import torch
 from scipy.special import expit
 from torch import Tensor, nn
 
-from feasigrasp.models.grasps.network.architectures import Contacts, Heads, chosen_points
 from feasigrasp.models.grasps.network.contact_features import LENGTH_SCALE, ContactFeatures
-from feasigrasp.models.grasps.network.network import (
-    GraspNetwork,
-    GraspProposals,
-    load_grasp_network,
+from feasigrasp.models.grasps.network.network import GraspProposals
+from feasigrasp.models.grasps.network_sampler import NetworkSampler
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.weights_file import WEIGHTS as PACKAGED
+from feasigrasp_lab import WEIGHTS
+from feasigrasp_lab.networks.contact_network import (
+    Contacts,
+    Heads,
+    TorchGraspNetwork,
+    chosen_points,
 )
-from feasigrasp.models.grasps.network.vector_neurons import (
+from feasigrasp_lab.networks.vector_neurons import (
     VectorLinear,
     VectorLinearReLU,
     across,
     unit,
     with_mean,
 )
-from feasigrasp.models.grasps.network_sampler import NetworkSampler
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp_lab import WEIGHTS
 
 
 class PaperNetwork(nn.Module):
@@ -90,7 +92,7 @@ def torch_heads(network: nn.Module, features: ContactFeatures) -> Heads:
         return Heads(*(head[0] for head in network(Contacts.of(features))))
 
 
-class PaperGraspNetwork(GraspNetwork):
+class PaperGraspNetwork(TorchGraspNetwork):
     """The paper's network, ready to propose; it runs on the threads of torch."""
 
     preset: ClassVar[str] = "paper"
@@ -114,24 +116,21 @@ class PaperGraspNetwork(GraspNetwork):
 
 
 #: The architectures that are trained and compared, by their names.
-NETWORKS: Mapping[str, type[GraspNetwork]] = {
-    network.preset: network for network in (GraspNetwork, PaperGraspNetwork)
+NETWORKS: Mapping[str, type[TorchGraspNetwork]] = {
+    network.preset: network for network in (TorchGraspNetwork, PaperGraspNetwork)
 }
 
 
-@lru_cache(maxsize=1)
-def load_paper_network() -> PaperGraspNetwork:
-    """The trained network, loaded once.
+@lru_cache
+def trained_network(preset: str) -> TorchGraspNetwork:
+    """The trained network of an architecture, one of `NETWORKS`, loaded once.
 
     Raises:
         WeightsError: See `GraspNetwork.load`.
     """
-    return PaperGraspNetwork.load(WEIGHTS / "grasp_network_paper.npz")
-
-
-def trained_network(preset: str) -> GraspNetwork:
-    """The trained network of an architecture, one of `NETWORKS`."""
-    return load_paper_network() if preset == PaperGraspNetwork.preset else load_grasp_network()
+    if preset == PaperGraspNetwork.preset:
+        return PaperGraspNetwork.load(WEIGHTS / "grasp_network_paper.npz")
+    return TorchGraspNetwork.load(PACKAGED / "grasp_network.npz")
 
 
 def make_sampler(
@@ -140,7 +139,7 @@ def make_sampler(
     """The sampler ``paper``: this network, and nothing else to fall back on; it draws nothing."""
     return NetworkSampler(
         gripper,
-        load_paper_network(),
+        trained_network(PaperGraspNetwork.preset),
         n_contacts=max(1, n_candidates // NetworkSampler.n_approaches),
         n_grasps=n_grasps,
         least_score=least_score,

@@ -14,8 +14,8 @@ from torch import Tensor
 from tqdm import tqdm
 
 from feasigrasp.models.arrays import Indices, Mask
-from feasigrasp.models.grasps.network.architectures import Contacts, ring_directions
 from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
+from feasigrasp_lab.networks.contact_network import Contacts, ring_directions
 from feasigrasp_lab.results.finished import read_shard
 from feasigrasp_lab.training.grasp_losses import Labels, free_share
 from feasigrasp_lab.training.loop import TrainingError

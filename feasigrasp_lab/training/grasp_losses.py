@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from feasigrasp.models.grasps.network.architectures import Heads
+from feasigrasp_lab.networks.contact_network import Heads
 from feasigrasp_lab.paper.grasp_network import PaperGraspNetwork
 
 #: Closing directions off by less than this count by the square, beyond it linearly [rad].

@@ -32,8 +32,8 @@ from feasigrasp.models.shape.hidden_side_network import (
     LEAST_SPREAD,
     HiddenSide,
 )
-from feasigrasp.models.weights_file import network_arrays
 from feasigrasp.runs.results.arguments import add_run_arguments, positive
+from feasigrasp_lab.networks.contact_network import network_arrays
 from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT
 from feasigrasp_lab.training.data.object_streams import ObjectStream

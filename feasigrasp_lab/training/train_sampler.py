@@ -17,8 +17,8 @@ import torch
 from torch import Tensor, nn
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.grasps.network.architectures import Heads
 from feasigrasp.runs.results.arguments import add_run_arguments, positive
+from feasigrasp_lab.networks.contact_network import Heads
 from feasigrasp_lab.paper.grasp_network import NETWORKS
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT
 from feasigrasp_lab.training.grasp_batches import Examples, load_examples

@@ -12,8 +12,7 @@ import torch
 
 from feasigrasp import cli
 from feasigrasp.errors import InputError
-from feasigrasp.models.grasps.network.architectures import Heads
-from feasigrasp.models.grasps.network.network import GraspNetwork
+from feasigrasp_lab.networks.contact_network import Heads, TorchGraspNetwork
 from feasigrasp_lab.paper.grasp_network import NETWORKS
 from feasigrasp_lab.training import train_sampler
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT
@@ -152,7 +151,7 @@ def test_training_starts_from_other_weights(data, tmp_path, capsys):
     assert train(data, tmp_path / "a", "--steps", "2") == 0
     start = ["--start", str(tmp_path / "a" / "grasp_network.npz")]
     training = made(data, tmp_path / "b", "--steps", "2", *start)
-    loaded = GraspNetwork.load(tmp_path / "a" / "grasp_network.npz").network
+    loaded = TorchGraspNetwork.load(tmp_path / "a" / "grasp_network.npz").network
     for a, b in zip(training.network.parameters(), loaded.parameters(), strict=True):
         assert torch.equal(a, b)
     assert train(data, tmp_path / "c", "--steps", "2", "--preset", "paper", *start) == 2

@@ -1,4 +1,4 @@
-"""Compiled loops of `inference`; arrays have channels first, contacts last.
+"""Compiled loops of the grasp network; arrays have channels first, contacts last.
 
 Matrix products go to BLAS, on tiles of contacts; everything between them is fused here.
 """
@@ -17,7 +17,7 @@ WIDTHS, NARROWEST = 2, 1e-3
 #: Contacts that go through the network together; with a power of two, rows of the matrices would
 #: crowd into the same sets of the cache, and products take twice as long.
 _TILE = 52
-#: Squared lengths up to this are zero, as in `feasigrasp.models.grasps.network.vector_neurons`.
+#: Squared lengths up to this are zero, as in `feasigrasp_lab.networks.vector_neurons`.
 _NOTHING = 1.2e-38
 
 

@@ -107,7 +107,7 @@ def broken_files():
     [pytest.param(change, message, id=name) for name, change, message in broken_files()],
 )
 def test_broken_weights_are_named(tmp_path, change, message):
-    GraspNetwork.untrained().save(tmp_path / "good.npz")
+    NETWORKS["default"].untrained().save(tmp_path / "good.npz")
     with np.load(tmp_path / "good.npz") as file:
         arrays = dict(file)
     if callable(change):

@@ -10,18 +10,17 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.grasps.network.architectures import Contacts
 from feasigrasp.models.grasps.network.contact_features import DIRECTIONS, contact_features
 from feasigrasp.models.grasps.network.network import (
     MODES,
     ROOM_BESIDE,
     ROOM_DEVIATIONS,
-    GraspNetwork,
     with_room,
 )
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.grasps.network.surroundings import hand_room, neighbourhoods
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp_lab.networks.contact_network import Contacts, TorchGraspNetwork
 from feasigrasp_lab.paper.grasp_network import NETWORKS
 
 HAND = ParallelGripper()
@@ -105,8 +104,8 @@ def test_a_mirrored_object_has_mirrored_proposals(network):
 @pytest.mark.parametrize("what", ["vectors", "numbers", "room", "axes", "across"])
 def test_features_that_do_not_turn_would_be_noticed(what):
     """The tests above rest on every input: each of them matters, and a wrong one breaks them."""
-    module = GraspNetwork.untrained(seed=3).network
-    network = GraspNetwork.of(module.double())
+    module = TorchGraspNetwork.untrained(seed=3).network
+    network = TorchGraspNetwork.of(module.double())
     points, normals, scalars = blob(9)
     features = contact_features(points, normals, scalars)
     R = rotation(9)
@@ -136,14 +135,14 @@ def test_proposals_are_grasps(network):
 
 
 def test_modes_are_apart():
-    a = proposed(GraspNetwork.untrained(seed=4), *(x.astype("f") for x in blob(11)))
+    a = proposed(TorchGraspNetwork.untrained(seed=4), *(x.astype("f") for x in blob(11)))
     cosine = np.einsum("nki,nli->nkl", a.approach, a.approach)
     cosine[:, np.arange(MODES), np.arange(MODES)] = -1.0
     assert cosine.max() < np.cos(1.5 * 2.0 * np.pi / DIRECTIONS)
 
 
 def test_untrained_grasps_close_along_the_normal_over_the_chord():
-    network = GraspNetwork.untrained(seed=0)
+    network = TorchGraspNetwork.untrained(seed=0)
     points, normals, scalars = (x.astype(np.float32) for x in blob(12))
     a = network.propose(GraspInput(points, normals, scalars))
     assert np.einsum("ni,ni->n", a.closing, -normals).min() > 0.99
@@ -168,7 +167,7 @@ def test_a_hand_makes_room_for_a_far_contact_that_is_uncertain():
 
 
 def test_the_fused_network_is_the_torch_one():
-    module = GraspNetwork.untrained(seed=8).network.double()
+    module = TorchGraspNetwork.untrained(seed=8).network.double()
     with torch.no_grad():
         for parameter in module.parameters():
             noise = torch.randn(parameter.shape, generator=torch.Generator())
@@ -178,7 +177,7 @@ def test_the_fused_network_is_the_torch_one():
         weight = module(Contacts.of(features)).weight
         lead = (weight[..., 0] - weight[..., 1]).flatten().sort().values
         module.last.bias[-1] += lead[66:68].mean()  # of none: rounding would decide it
-    a = GraspNetwork.of(module).propose_at(features)
+    a = TorchGraspNetwork.of(module).propose_at(features)
     heads = module(Contacts.of(features))
     np.testing.assert_allclose(a.contact, torch.sigmoid(heads.contact[0]), atol=1e-12)
     width, spread = heads.mode_width()
@@ -253,7 +252,7 @@ def test_the_hand_has_room_where_nothing_is_in_its_way():
 
 
 def test_another_hand_sees_other_room():
-    network = GraspNetwork.untrained(seed=6)
+    network = TorchGraspNetwork.untrained(seed=6)
     surface = GraspInput(*(x.astype(np.float32) for x in blob(14)))
     wide = network.with_gripper(ParallelGripper(max_opening=0.11, finger_width=0.02))
     a, b = network.propose(surface), wide.propose(surface)
@@ -270,6 +269,6 @@ def test_bad_input_is_refused():
 
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_a_few_points_are_enough(n):
-    a = GraspNetwork.untrained().propose(GraspInput(*(x.astype("f") for x in blob(16, n))))
+    a = TorchGraspNetwork.untrained().propose(GraspInput(*(x.astype("f") for x in blob(16, n))))
     assert a.contact.shape == (n,)
     assert np.isfinite(a.approach).all()

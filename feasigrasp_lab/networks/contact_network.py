@@ -17,7 +17,8 @@ there and which:
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple, Self
 
 import torch
 from torch import Tensor, nn
@@ -30,10 +31,17 @@ from feasigrasp.models.grasps.network.contact_features import (
     VECTORS,
     ContactFeatures,
 )
-from feasigrasp.models.grasps.network.inference import BESIDE, LEAST_SPREAD, SPREAD, TILTS
 from feasigrasp.models.grasps.network.inference_kernels import NARROWEST, WIDTHS
+from feasigrasp.models.grasps.network.network import (
+    BESIDE,
+    LEAST_SPREAD,
+    SPREAD,
+    TILTS,
+    GraspNetwork,
+)
 from feasigrasp.models.grasps.network.surroundings import ROOM
-from feasigrasp.models.grasps.network.vector_neurons import (
+from feasigrasp.models.weights_file import WeightArrays, check_arrays
+from feasigrasp_lab.networks.vector_neurons import (
     VectorLinear,
     VectorLinearReLU,
     across,
@@ -213,3 +221,49 @@ def _with_neighbours(ring: Tensor) -> Tensor:
     """Channels (..., K, C) with the less and the greater of the next directions', (..., K, 3 C)."""
     before, after = ring.roll(1, -2), ring.roll(-1, -2)
     return torch.cat((ring, torch.minimum(before, after), torch.maximum(before, after)), -1)
+
+
+class TorchGraspNetwork(GraspNetwork):
+    """A grasp network with its torch module, to train and to compare with."""
+
+    @classmethod
+    def architecture(cls) -> type[nn.Module]:
+        """The class of its torch module."""
+        return ContactNetwork
+
+    @classmethod
+    def untrained(cls, seed: int = 0) -> Self:
+        """A network with random weights, to train or to test."""
+        state = torch.random.get_rng_state()
+        torch.manual_seed(seed)
+        network = cls.architecture()()
+        torch.random.set_rng_state(state)
+        return cls.of(network)
+
+    @classmethod
+    def of(cls, network: nn.Module) -> Self:
+        """The network that a torch module is at present."""
+        sizes: Any = network.sizes
+        made = cls(sizes, network_arrays(network))
+        vars(made)["network"] = network.eval().requires_grad_(False)
+        return made
+
+    @cached_property
+    def network(self) -> nn.Module:
+        """Its torch module; changes of that are not the network's."""
+        network = self.architecture()(**self.sizes)
+        fill_network(network, self.weights)
+        return network.eval().requires_grad_(False)
+
+
+def fill_network(network: nn.Module, arrays: WeightArrays) -> None:
+    """Fills a torch network; raises ValueError where the arrays are not its own."""
+    shapes = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
+    check_arrays(arrays, shapes)
+    network.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})
+
+
+def network_arrays(network: nn.Module) -> WeightArrays:
+    """The weights that a torch network has at present, by name."""
+    state = network.state_dict()
+    return {name: tensor.cpu().numpy().copy() for name, tensor in state.items()}

@@ -1,0 +1,1 @@
+"""Torch modules of the grasp networks, for training and comparison."""
