@@ -55,7 +55,7 @@ ORDER = (
     ("warm_up",),
     ("commands",),
     ("cli",),
-    ("lab.networks",),
+    ("lab.networks", "lab.arm"),
     ("lab.paper",),
     ("lab.results", "lab.baselines"),
     ("lab.training.data", "lab.training.reachability"),

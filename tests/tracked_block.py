@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.raycasting import Raycaster
+from feasigrasp_lab.training.data.raycasting import Raycaster
 
 #: Without symmetry: a block with a nose.
 MESH = trimesh.util.concatenate(

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.robot.capsule_kernels import capsule_ends_kernel
 from feasigrasp.models.robot.capsules import CapsuleModel
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.self_collision import IIWA_CAPSULES
+from feasigrasp_lab.arm.self_collision import IIWA_CAPSULES, capsule_ends_kernel
 
 
 def table_distances(

@@ -19,13 +19,13 @@ from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
-from feasigrasp.models.ik.least_squares import refine
 from feasigrasp.models.ik.self_motion import closed_form_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.models.robot.self_collision import in_collision
 from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.results.statistics import Estimate, mean
+from feasigrasp_lab.arm.least_squares import refine
+from feasigrasp_lab.arm.self_collision import in_collision
 from feasigrasp_lab.paper.ik_flow import IkFlow
 from feasigrasp_lab.results.markdown import markdown_table
 

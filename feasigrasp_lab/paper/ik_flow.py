@@ -30,11 +30,11 @@ from threadpoolctl import ThreadpoolController
 from feasigrasp.errors import ArgumentError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.ik.least_squares import refine
 from feasigrasp.models.quantities import POSES, ArrayOf, Count, Whole
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.weights_file import WeightArrays, WeightsFormat, check_arrays
 from feasigrasp_lab import WEIGHTS
+from feasigrasp_lab.arm.least_squares import refine
 from feasigrasp_lab.paper.ik_flow_layers import (
     FEATURES,
     FlowShape,
@@ -149,7 +149,7 @@ class IkFlow(Frozen):
 
         Returns:
             Shape (n, 7) [rad], inside the joint limits. A few do not reach their pose: compare
-            forward kinematics, and see `feasigrasp.models.robot.self_collision`.
+            forward kinematics, and see `feasigrasp_lab.arm.self_collision`.
 
         Raises:
             ArgumentError: See `sample`.

@@ -16,9 +16,9 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.joint.sources import distance_kernel, select_kernel
 from feasigrasp.models.control.planning.cost_weights import CostWeights, running_cost_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
-from feasigrasp.models.ik.least_squares import refine
 from feasigrasp.models.reach.kernels import Search
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp_lab.arm.least_squares import refine
 from feasigrasp_lab.paper.ik_flow import IkFlow
 
 #: From flange poses (m, 4, 4) and the number of draws of each to configurations (m, draws, 7), NaN

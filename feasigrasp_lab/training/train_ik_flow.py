@@ -15,11 +15,11 @@ import torch
 from torch import Tensor, nn
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.ik.least_squares import refine
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.models.robot.self_collision import in_collision
 from feasigrasp.runs.results.arguments import add_run_arguments
+from feasigrasp_lab.arm.least_squares import refine
+from feasigrasp_lab.arm.self_collision import in_collision
 from feasigrasp_lab.paper.ik_flow import DAMPING, IkFlow
 from feasigrasp_lab.paper.ik_flow_layers import (
     BACKGROUND,

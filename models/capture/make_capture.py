@@ -17,10 +17,10 @@ from PIL import Image
 
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.recordings.camera_file import CameraInfo
 from feasigrasp.resources import model_path
+from feasigrasp_lab.training.data.raycasting import Raycaster
 
 HERE = Path(__file__).resolve().parent
 WIDTH, HEIGHT = 424, 240

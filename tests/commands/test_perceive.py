@@ -9,10 +9,10 @@ from PIL import Image
 
 from feasigrasp import __version__, cli
 from feasigrasp.commands import perceive
-from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.recordings import read_depth_folder
 from feasigrasp.resources import model_path
+from feasigrasp_lab.training.data.raycasting import Raycaster
 
 
 @pytest.fixture(autouse=True)

@@ -14,8 +14,8 @@ from feasigrasp.commands.track import check_size
 from feasigrasp.errors import InputError
 from feasigrasp.models.clouds.files import read_cloud
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.recordings.folder import read_depth_folder
+from feasigrasp_lab.training.data.raycasting import Raycaster
 from tests.object_views import CAMERA, FOCAL, HEIGHT, WIDTH, camera_at
 from tests.tracked_block import MESH, SURFACE
 

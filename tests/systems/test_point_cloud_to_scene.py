@@ -8,13 +8,13 @@ from pydrake.systems.sensors import ImageLabel16I
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.capsules import arm_balls
-from feasigrasp.models.robot.self_collision import IIWA_CAPSULES
 from feasigrasp.models.shape.grids import obstacle_grid
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
 from feasigrasp.systems.ports import evaluate
+from feasigrasp_lab.arm.self_collision import IIWA_CAPSULES
 
 ROBOT, OBJECT, TABLE = 3, 9, 12
 

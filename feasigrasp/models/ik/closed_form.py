@@ -3,8 +3,7 @@
 For a flange pose and an arm angle there are eight configurations: the signs of the shoulder, elbow
 and wrist joints 2, 4 and 6 (see `feasigrasp.models.ik.self_motion` for the formulas and the
 conventions at singularities). Joint limits are looked at here, collisions in
-`feasigrasp.models.reach.reachability`. The iterative counterpart is
-`feasigrasp.models.ik.least_squares`.
+`feasigrasp.models.reach.reachability`.
 """
 
 from typing import Annotated

@@ -28,9 +28,8 @@ from feasigrasp.models.ik.self_motion import (
 )
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import dot, minus, step
-from feasigrasp.models.robot.capsule_kernels import closest_parameters, end_point
+from feasigrasp.models.robot.capsule_kernels import closest_parameters, end_point, is_clear_kernel
 from feasigrasp.models.robot.capsules import CapsuleModel
-from feasigrasp.models.robot.collision_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: What `verdict_kernel` returns: places in `feasigrasp.models.reach.reachability.VERDICTS`.

@@ -19,9 +19,9 @@ from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.ik.closed_form import arm_angle, closed_form
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.robot.self_collision import in_collision, min_distance
 from feasigrasp.runs.results.arguments import add_common_arguments
 from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp_lab.arm.self_collision import in_collision, min_distance
 from feasigrasp_lab.measures.ik_sources import format_source_table, ik_source_rows
 from feasigrasp_lab.peers.drake_arm import DrakeArm
 from feasigrasp_lab.results.finished import finish

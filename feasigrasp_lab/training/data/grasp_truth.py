@@ -15,9 +15,9 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp_lab.training.data.grasp_label_kernels import collides
+from feasigrasp_lab.training.data.raycasting import Raycaster
 
 #: Half angle of the friction cone at either contact [deg].
 CONE_DEG = 20.0

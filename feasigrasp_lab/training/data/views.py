@@ -14,8 +14,8 @@ from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.se3 import perpendiculars
-from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp_lab.training.data.raycasting import Raycaster
 
 #: The depth stream of the scenarios' camera: a RealSense D435 in its 424 x 240 mode, 87 x 58 deg.
 WIDTH, HEIGHT = 424, 240

@@ -28,7 +28,7 @@ from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability
-from feasigrasp.models.robot.self_collision import in_collision
+from feasigrasp_lab.arm.self_collision import in_collision
 from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
 
 #: Height in the base frame below which poses of the fitted frame are dropped [m].

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp_lab.studies.tracking import (
     FIGURES,
@@ -17,6 +16,7 @@ from feasigrasp_lab.tracking.judge import TrueObject, judge, lost
 from feasigrasp_lab.tracking.recording import RATE, Recording, recorded
 from feasigrasp_lab.tracking.sensors import SENSORS, images
 from feasigrasp_lab.tracking.trackers import OurTracker
+from feasigrasp_lab.training.data.raycasting import Raycaster
 from tests.object_views import CAMERA, camera_at, look
 
 TWIST = np.array([0.0, 0.1, 0.2, 0.02, -0.05, 0.01])

@@ -7,13 +7,13 @@ import pytest
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.grasps.filter import contact_cosine, filter_grasps
-from feasigrasp.models.grasps.network.network import GraspNetwork
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.grasps.non_maximum_suppression import ENOUGH
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp_lab.networks.contact_network import TorchGraspNetwork
 
-SAMPLER = NetworkSampler(network=GraspNetwork.untrained(seed=1))
+SAMPLER = NetworkSampler(network=TorchGraspNetwork.untrained(seed=1))
 
 
 @pytest.fixture(scope="module")

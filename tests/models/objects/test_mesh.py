@@ -9,8 +9,8 @@ import trimesh
 from feasigrasp.errors import MeshError
 from feasigrasp.models.objects import mesh_cache, rigid_object
 from feasigrasp.models.objects.mesh import decimate_within
-from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object, load_objects
+from feasigrasp_lab.training.data.raycasting import Raycaster
 
 
 def box(center=(0, 0, 0), size=0.05):

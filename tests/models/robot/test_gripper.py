@@ -5,10 +5,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
-from feasigrasp.models.grasps.network.network import GraspNetwork
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp_lab.networks.contact_network import TorchGraspNetwork
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def test_the_wider_hand_takes_the_wide_side(wide_box):
 @pytest.mark.parametrize("hand", [ParallelGripper(), WSG_50], ids=["default", "WSG 50"])
 def test_the_network_needs_no_training_for_another_hand(wide_box, hand):
     """Whatever the network proposes, what is left fits the hand and is clear of the box."""
-    sampler = NetworkSampler(hand, GraspNetwork.untrained(), n_contacts=200)
+    sampler = NetworkSampler(hand, TorchGraspNetwork.untrained(), n_contacts=200)
     grasps = sampler(wide_box)
     assert len(grasps) > 0, dict(grasps.rejected)
     half = np.array([0.035, 0.048, 0.075])

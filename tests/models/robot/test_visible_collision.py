@@ -10,10 +10,10 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
-from feasigrasp.models.robot import self_collision as sc
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
+from feasigrasp_lab.arm import self_collision as sc
 
 LINKS = range(8)
 

@@ -6,13 +6,13 @@ import pytest
 from feasigrasp.models.arrays import record
 from feasigrasp.models.control.safety.clearance_rows import Body, rows_kernel
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
-from feasigrasp.models.robot.capsule_kernels import capsule_ends_kernel, link_poses_kernel
+from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
-from feasigrasp.models.robot.self_collision import IIWA_CAPSULES
 from feasigrasp.models.shape.grids import obstacle_grid
 from feasigrasp.models.shape.scene_field import fit_scene
+from feasigrasp_lab.arm.self_collision import IIWA_CAPSULES, capsule_ends_kernel
 
 HOME = np.array([0, -0.846, 0, -1.582, 0, 1.446, 0])
 CENTRE, HALF = np.array([0.45, 0.0, 0.25]), np.array([0.06, 0.15, 0.12])

@@ -10,9 +10,9 @@ from feasigrasp.errors import PointCloudError
 from feasigrasp.models.grasps.hand_clearance import scene_clear
 from feasigrasp.models.robot.capsules import arm_balls
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.self_collision import IIWA_CAPSULES
 from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.resources import model_path
+from feasigrasp_lab.arm.self_collision import IIWA_CAPSULES
 
 CAMERA = np.array([0.2, -0.8, 1.2])
 BOX_CENTER, BOX_HALF = np.array([0.5, 0.1, 0.15]), np.array([0.1, 0.1, 0.15])

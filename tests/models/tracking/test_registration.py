@@ -7,7 +7,6 @@ import trimesh
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.tracking.acceptance import is_accepted, is_found, shows_model
 from feasigrasp.models.tracking.information import jacobian, surface_deviation, without_noise
@@ -16,6 +15,7 @@ from feasigrasp.models.tracking.model import TrackedModel
 from feasigrasp.models.tracking.registration import register
 from feasigrasp.models.tracking.twist_filter import moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
+from feasigrasp_lab.training.data.raycasting import Raycaster
 from tests.object_views import CAMERA, FOCAL, camera_at, look
 
 SHAPES = {

@@ -9,11 +9,11 @@ import trimesh
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.prediction import MotionEstimate
-from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.tracking import TrackingState
 from feasigrasp.models.tracking.sequence import SequenceTracker
 from feasigrasp.models.tracking.tracker import FieldTrack, track
 from feasigrasp.models.tracking.view import ObjectView
+from feasigrasp_lab.training.data.raycasting import Raycaster
 from tests.object_views import camera_at, look
 from tests.tracked_block import SURFACE, surface_error
 

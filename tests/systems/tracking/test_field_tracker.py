@@ -10,7 +10,6 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import ImageDepth32F
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import TrackingState
 from feasigrasp.resources import diagram_path
@@ -20,6 +19,7 @@ from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.ports import evaluate
 from feasigrasp.systems.tracking.field_tracker import FieldTracker
 from feasigrasp.systems.tracking.keyframes_to_gpdf import KeyframesToGPDF
+from feasigrasp_lab.training.data.raycasting import Raycaster
 from tests.object_views import CAMERA, camera_at, look
 
 MESH = trimesh.creation.box((0.06, 0.09, 0.12))

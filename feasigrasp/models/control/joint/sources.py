@@ -20,7 +20,7 @@ from feasigrasp.models.ik.self_motion import (
 )
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.reach.kernels import Search
-from feasigrasp.models.robot.collision_kernels import is_clear_kernel
+from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Two solutions of one grasp are at least this distance apart [rad].

@@ -21,7 +21,7 @@ from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_k
 from feasigrasp.models.ik.redundancy_samples import redundancy_samples_kernel, travel_times_kernel
 from feasigrasp.models.ik.self_motion import configuration_kernel, self_motion_kernel
 from feasigrasp.models.reach.kernels import REACHABLE, hand_verdict_kernel
-from feasigrasp.models.robot.collision_kernels import is_clear_kernel
+from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 

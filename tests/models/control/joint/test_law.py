@@ -19,7 +19,7 @@ from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.reach.predicted_reachability import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.self_collision import min_distance
+from feasigrasp_lab.arm.self_collision import min_distance
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 REACHABILITY = Reachability()

@@ -20,9 +20,9 @@ from feasigrasp.models.robot.capsules import arm_balls, capsule_model, hand_poin
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
 from feasigrasp.models.shape.grids import object_grid
+from feasigrasp_lab.arm.self_collision import min_distance
 from tests.truths import table_distances
 
 RADIUS = 0.04

@@ -24,7 +24,7 @@ from feasigrasp.models.reach.predicted_reachability import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.models.robot.self_collision import min_distance
+from feasigrasp_lab.arm.self_collision import min_distance
 from feasigrasp_lab.paper.task_law import PaperTaskOptions, paper_task_space_velocity
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])

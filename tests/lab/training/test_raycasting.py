@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from feasigrasp.models.objects.raycasting import Raycaster
+from feasigrasp_lab.training.data.raycasting import Raycaster
 
 HALF = np.array([0.03, 0.04, 0.05])
 POINTS = np.random.default_rng(0).uniform(-0.1, 0.1, (500, 3))

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.ik.least_squares import (
-    damped_least_squares_kernel,
-    damped_velocity_kernel,
-    refine,
-)
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import (
     forward_kinematics,
     manipulability,
     pose_and_jacobian,
+)
+from feasigrasp_lab.arm.least_squares import (
+    damped_least_squares_kernel,
+    damped_velocity_kernel,
+    refine,
 )
 
 

@@ -12,7 +12,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.systems.framework import DiagramBuilder
 
-from feasigrasp.models.robot import self_collision as sc
+from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 from feasigrasp.models.robot.capsules import (
     BODY_LINK,
     BODY_NAMES,
@@ -21,12 +21,13 @@ from feasigrasp.models.robot.capsules import (
     capsule_model,
     hand_capsules,
 )
-from feasigrasp.models.robot.collision_kernels import LANES, in_collision_kernel, is_clear_kernel
 from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path, model_path
 from feasigrasp.runs.metrics.reference_robot import ReferenceRobot
 from feasigrasp.scenario.files import load_scenario
+from feasigrasp_lab.arm import self_collision as sc
+from feasigrasp_lab.arm.self_collision import LANES, in_collision_kernel
 from tests.truths import table_distances
 
 CAPSULES = arm_capsules() + hand_capsules()

@@ -1,0 +1,1 @@
+"""Algorithms for the arm that studies and training use, and no run."""
