@@ -1,4 +1,4 @@
-"""Success rate over object speed: table and figure with intervals."""
+"""Success rate over object speed: figure with intervals."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from feasigrasp.outputs import save_figure
-from feasigrasp.runs.metrics.table import FIGURES
+from feasigrasp.runs.results.rows import Row
 from feasigrasp_lab.protocols.speed import CAMERA_MOTIONS, MOTIONS
-from feasigrasp_lab.report.table_2 import Rows, figure_text
-from feasigrasp_lab.results.markdown import markdown_table
 
 FIGURE = "speed_curve.png"
 #: What the curves are drawn over, by the curves.
@@ -23,7 +21,8 @@ _AXES = {
 _COLORS = {"circle": "#238b45", "line": "#2171b5", "bezier": "#d94801", "spin": "#6a51a3"}
 #: Those with the camera alone are dashed, in the colours of the others.
 _COLORS |= {camera: _COLORS[given] for camera, given in zip(CAMERA_MOTIONS, MOTIONS, strict=True)}
-_COLUMNS = ("held_percent", "closing_speed_m_s", "held_after_s")
+#: Rows of a summary by preset and by name without ``dynamic.``.
+Rows = dict[tuple[str, str], Row]
 
 
 def curve_points(found: Rows, curve: str) -> list[tuple[float, str]]:
@@ -31,39 +30,6 @@ def curve_points(found: Rows, curve: str) -> list[tuple[float, str]]:
     presets = {preset for preset, name in found if name == "held_percent"}
     points = [p.partition("/") for p in presets if p.startswith(f"{curve}/")]
     return sorted((float(speed), f"{curve}/{speed}") for _, _, speed in points)
-
-
-def curve_report(found: Rows, folder: Path, conditions: str) -> list[str]:
-    """The parts of the report on the curves; draws `FIGURE`. None if there are no points."""
-    curves = [curve for of in _AXES.values() for curve in of if curve_points(found, curve)]
-    if not curves:
-        return []
-    draw_curves(found, curves, folder / FIGURE)
-    causes = sorted({n for p, n in found if n.startswith("cause.") and p.split("/")[0] in curves})
-    heads = ["", *(FIGURES[name].head for name in _COLUMNS), "failures [%]", "runs"]
-    lines = []
-    for curve in curves:
-        for _, preset in curve_points(found, curve):
-            cells = [
-                figure_text(found[preset, name], FIGURES[name].decimals)
-                if (preset, name) in found
-                else "-"
-                for name in _COLUMNS
-            ]
-            lost = [(found[preset, n].value, n) for n in causes if (preset, n) in found]
-            words = [
-                f"{n.removeprefix('cause.').removesuffix('_percent').replace('_', ' ')} {value:.0f}"
-                for value, n in sorted(lost, reverse=True)
-                if value > 0.0
-            ]
-            runs = str(found[preset, "held_percent"].n)
-            lines.append([preset, *cells, ", ".join(words) or "-", runs])
-    return [
-        "### Success over speed",
-        f"![Held over speed, with 95 % intervals]({FIGURE})",
-        markdown_table(heads, lines),
-        conditions,
-    ]
 
 
 def draw_curves(found: Rows, curves: Sequence[str], filename: Path) -> None:

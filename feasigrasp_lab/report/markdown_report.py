@@ -8,9 +8,6 @@ summary a table of its rows. With ``--html`` it is a page as well.
 from __future__ import annotations
 
 import argparse
-import re
-import shutil
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +15,11 @@ from feasigrasp.errors import FeasigraspError, InputError, OutputError
 from feasigrasp.inputs import read_json
 from feasigrasp.outputs import write_text
 from feasigrasp.runs.results.rows import Row
-from feasigrasp_lab.report import curves, dynamic
-from feasigrasp_lab.report.dynamic import dynamic_report
+from feasigrasp_lab.report.curves import FIGURE
 from feasigrasp_lab.report.html_report import write_page
-from feasigrasp_lab.report.static import faults_report, static_report
+from feasigrasp_lab.report.tables import dynamic_report, faults_report, static_report
 from feasigrasp_lab.results.conditions import conditions_text
-from feasigrasp_lab.results.markdown import markdown_table, replace_section
-
-#: Figures that belong to the text.
-FIGURES = (dynamic.FIGURE, curves.FIGURE)
+from feasigrasp_lab.results.markdown import markdown_table
 
 
 class ReportError(FeasigraspError, FileNotFoundError):
@@ -36,13 +29,6 @@ class ReportError(FeasigraspError, FileNotFoundError):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="Folder with summary.json.")
-    parser.add_argument(
-        "--into",
-        type=Path,
-        metavar="FILE.md",
-        help="Write the report into this document too, between its report lines. Figures go to "
-        "the folder images beside it.",
-    )
     parser.add_argument(
         "--html",
         action="store_true",
@@ -60,32 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     parts = sections(args.folder)
-    text = "\n\n".join(parts.values())
     filename = args.folder / "report.md"
-    write_text(filename, text + "\n")
+    write_text(filename, "\n\n".join(parts.values()) + "\n")
     print(filename)
     if args.html:
         print(write_page(args.folder, parts, args.replays))
-    if args.into is not None:
-        text = _with_images(text, args.folder, args.into.parent / "images")
-        text = re.sub("^#", "##", text, flags=re.MULTILINE)  # below a heading of the document
-        replace_section(args.into, text)
-        print(args.into)
     return 0
-
-
-def _with_images(text: str, folder: Path, images: Path) -> str:
-    """The text with its figures, which are in a folder of results, in one folder of images."""
-    places = {f"]({f.relative_to(folder).as_posix()})": f for f in sorted(folder.rglob("*.png"))}
-    used = {place: figure for place, figure in places.items() if place in text}
-    names = Counter(figure.name for figure in used.values())
-    for place, figure in used.items():
-        alone = names[figure.name] == 1
-        name = figure.name if alone else "_".join(figure.relative_to(folder).parts)
-        images.mkdir(exist_ok=True)
-        shutil.copyfile(figure, images / name)
-        text = text.replace(place, f"](images/{name})")
-    return text
 
 
 def sections(folder: Path) -> dict[Path, str]:
@@ -112,8 +78,7 @@ def sections(folder: Path) -> dict[Path, str]:
                 f"{file} is no summary ({error!s:.200}); repeat the command that makes it"
             ) from error
         if file.parent != folder:  # every folder has figures of the same names
-            for name in FIGURES:
-                section = section.replace(f"]({name})", f"]({file.parent.name}/{name})")
+            section = section.replace(f"]({FIGURE})", f"]({file.parent.name}/{FIGURE})")
         found[file] = section
     return found
 

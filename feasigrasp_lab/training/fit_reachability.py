@@ -1,4 +1,4 @@
-"""``feasigrasp fit reachability``: fit a Riemannian mixture to the reachable space of an arm."""
+"""``feasigrasp fit reachability``: fit a Riemannian mixture to the reachable space of the arm."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
@@ -17,7 +16,6 @@ from feasigrasp.inputs import read_json
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.mixture import bic
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.outputs import save_figure
 from feasigrasp.runs.results.arguments import add_run_arguments, command_line, positive
 from feasigrasp.runs.results.provenance import git_revision
 from feasigrasp.runs.results.rows import Row, write_csv, write_json, write_summary
@@ -29,7 +27,6 @@ from feasigrasp_lab.training.reachability.reachable_poses import (
     FLOOR,
     IiwaArm,
     ReachedPoses,
-    SerialArm,
     draw_all,
     manipulability_reference,
     peak_memory_gb,
@@ -78,34 +75,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tool",
         default="flange",
         help="Frame to fit: 'flange', 'gripper' (its grasp frame), or x,y,z[,roll,pitch,yaw] in "
-        "the flange frame, in metres and degrees. With --plant: in the end frame.",
+        "the flange frame, in metres and degrees.",
     )
     parser.add_argument(
         "--floor", type=float, default=FLOOR, help="Lowest z of that frame, in metres."
     )
-    parser.add_argument("--arm", choices=("iiwa",), default="iiwa", help="Built-in arm.")
-    parser.add_argument(
-        "--plant", type=Path, help="Another arm: a .dmd.yaml, .urdf, .sdf or .xml file."
-    )
-    parser.add_argument("--base-frame", help="With --plant: frame that poses are expressed in.")
-    parser.add_argument("--end-frame", help="With --plant: frame at the end of the arm.")
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     start = time.perf_counter()
-    arm, jobs = _arm(args)
+    arm = IiwaArm()
     components, X_FT = parse_components(args.components), parse_tool(args.tool)
     thin = manipulability_reference(arm) if args.weighting == Weighting.MANIPULABILITY else None
-    if thin == 0.0:
-        raise ReachabilityError(
-            "the arm is singular everywhere (fewer than six joints?): --weighting uniform"
-        )
     settings = _settings(args)
     fresh = not (args.out / "settings.json").is_file()
     _keep_folder(args.out, settings)
     options = {"X_FT": X_FT, "floor": args.floor, "thin": thin}
-    reached = draw_all(arm, args.samples, args.seed, args.out / "samples", jobs, **options)
+    reached = draw_all(arm, args.samples, args.seed, args.out / "samples", args.jobs, **options)
     counts = {name: getattr(reached, name) for name in ReachedPoses._fields[2:]}
     counts["reached"] = len(reached.positions)
     print(", ".join(f"{value} {name}" for name, value in counts.items()))
@@ -116,7 +103,7 @@ def main(args: argparse.Namespace) -> int:
         **settings,
         "command": command,
         "git": git,
-        "frame": "end frame" if args.plant else "flange",
+        "frame": "flange",
         "X_FT": X_FT.tolist(),
         "counts": {**counts, "fitted": poses.n, "held_out": len(held_out)},
     }
@@ -163,7 +150,7 @@ def parse_components(text: str) -> tuple[int, ...]:
 
 
 def parse_tool(text: str) -> np.ndarray:
-    """Reads ``--tool``: the fitted frame in the end frame, shape (4, 4) [m].
+    """Reads ``--tool``: the fitted frame in the flange frame, shape (4, 4) [m].
 
     Raises:
         ReachabilityError: It is neither a known name nor three or six numbers.
@@ -233,39 +220,11 @@ def _bic(space: ReachableSpace) -> float:
 
 def _write_bic(table: list[tuple[int, float, float]], out: Path) -> None:
     write_csv(out / "bic.csv", table, ("components", "bic", "threshold"))
-    if len(table) == 1:
-        return
-    components, values, _ = zip(*table, strict=True)
-    figure = Figure(figsize=(5.2, 3.4), layout="constrained")
-    axes = figure.subplots()
-    axes.plot(components, np.array(values) / 1e6, "o-", color="#1f5fa8")
-    axes.set_xscale("log", base=2)
-    axes.set_xticks(components, [str(k) for k in components])
-    axes.set(xlabel="components K", ylabel="BIC / 10⁶  (lower is better)")
-    axes.grid(alpha=0.3)
-    save_figure(figure, out / "bic.png", dpi=150)
-
-
-def _arm(args: argparse.Namespace) -> tuple[SerialArm, int]:
-    """The arm, and in how many processes it can be sampled."""
-    if args.plant is None:
-        return IiwaArm(), args.jobs
-    if not (args.base_frame and args.end_frame):
-        raise ReachabilityError("--plant needs --base-frame and --end-frame")
-    from feasigrasp_lab.training.reachability.plant_arm import (
-        PlantArm,  # Drake takes a second to load
-    )
-
-    return PlantArm(args.plant, args.base_frame, args.end_frame), 1
 
 
 def _settings(args: argparse.Namespace) -> dict[str, Any]:
     """What decides the samples and the fits: a folder holds results of one such choice."""
-    return {
-        "arm": str(args.plant) if args.plant else args.arm,
-        "frames": [args.base_frame, args.end_frame],
-        **{name: getattr(args, name) for name in _DECISIVE},
-    }
+    return {"arm": "iiwa", **{name: getattr(args, name) for name in _DECISIVE}}
 
 
 def _keep_folder(out: Path, settings: dict[str, Any]) -> None:
@@ -283,6 +242,5 @@ def _keep_folder(out: Path, settings: dict[str, Any]) -> None:
 
 def _command(args: argparse.Namespace) -> str:
     names = ["samples", "fit_poses", "components", "weighting", "tool", "floor", "seed"]
-    names += ["plant", "base_frame", "end_frame"] if args.plant else []
     given = argparse.Namespace(**{name: getattr(args, name) for name in names})
     return command_line(given, "fit reachability")

@@ -139,7 +139,7 @@ def _truth(family: str, seed: int) -> TrueGrasps:
     except MeshError as error:
         raise MeshError(
             f"{error}: grasp diffusion learns on our own shapes; make them with `feasigrasp train "
-            "sampler-data` without --meshes and --acronym"
+            "sampler-data` without --meshes"
         ) from error
 
 

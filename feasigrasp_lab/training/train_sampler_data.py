@@ -4,7 +4,7 @@ A stream of objects, each looked at once or a few times, becomes shards of label
 (``shape_00042.npz``; docs/developing.md has their format). The stream is endless and given by
 its seed alone: more objects later continue it, and a command that was interrupted goes on after its
 last shard. One object in eight is of a family that is held out. By default all shapes are our own;
-``--meshes`` and ``--acronym`` add those of others to the same folder.
+``--meshes`` adds those of others to the same folder.
 """
 
 from __future__ import annotations
@@ -41,12 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=float("inf"),
         help="Time after which no shard starts, in minutes.",
     )
-    source = parser.add_mutually_exclusive_group()
-    source.add_argument(
+    parser.add_argument(
         "--meshes", type=Path, help="Take objects from a folder or an npz file of meshes."
-    )
-    source.add_argument(
-        "--acronym", type=Path, help="Take objects and grasps from a folder of ACRONYM."
     )
     parser.add_argument("--sheet", type=Path, help="Draw some shapes into this PNG and stop.")
 
@@ -65,8 +61,7 @@ def _write_shard(
         except MeshError as error:
             print(f"left out: {error}")
             continue
-        about = streamed.obj, streamed.family, streamed.seed
-        examples += object_examples(*about, inputs, rng, streamed.label)
+        examples += object_examples(streamed.obj, streamed.family, streamed.seed, inputs, rng)
     if examples:
         write_arrays(filename, stacked(examples))
     return True
@@ -80,8 +75,7 @@ def main(args: argparse.Namespace) -> int:
         draw_sheet(args.sheet, args.seed)
         print(f"wrote {args.sheet}")
         return 0
-    kind = "mesh" if args.meshes else "acronym" if args.acronym else "shape"
-    stream = ObjectStream(kind, args.meshes or args.acronym, args.seed)
+    stream = ObjectStream("mesh" if args.meshes else "shape", args.meshes, args.seed)
     settings = {"kind": stream.kind, "seed": args.seed, "inputs": args.inputs}
     about = settings | {"held_out": list(HELD_OUT)} | made_with()
     write_json(about, args.out / f"{stream.kind}.json")

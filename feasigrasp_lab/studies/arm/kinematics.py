@@ -1,8 +1,8 @@
 """``feasigrasp evaluate kinematics``: compare the arm's kinematics with Drake's.
 
 Forward kinematics, Jacobian and self-collision are compared with Drake's plant and collision
-checker, inverse kinematics with forward kinematics, and the three sources of inverse kinematics
-with each other. A command that was interrupted goes on after its last finished part.
+checker, inverse kinematics with forward kinematics. A command that was interrupted goes on after
+its last finished part.
 """
 
 from __future__ import annotations
@@ -20,9 +20,8 @@ from feasigrasp.models.ik.closed_form import arm_angle, closed_form
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.runs.results.arguments import add_common_arguments
-from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
 from feasigrasp_lab.arm.self_collision import in_collision, min_distance
-from feasigrasp_lab.measures.ik_sources import format_source_table, ik_source_rows
 from feasigrasp_lab.peers.drake_arm import DrakeArm
 from feasigrasp_lab.results.finished import finish
 
@@ -145,7 +144,6 @@ def main(args: argparse.Namespace) -> int:
         "forward": lambda: forward_rows(10_000, args.seed, args.out),
         "inverse": lambda: inverse_rows(n, args.seed, args.out),
         "collision": lambda: collision_rows(10 * n, args.seed, args.out),
-        "sources": lambda: ik_source_rows(args.seed, args.quick),
     }
     settings = {"seed": args.seed, "quick": args.quick}
     rows = []
@@ -155,6 +153,5 @@ def main(args: argparse.Namespace) -> int:
             part = args.out / "parts" / f"{name}.json"
             records = finish(part, settings, lambda of=measure: [asdict(row) for row in of()])  # type: ignore[misc]
             rows += [Row(**record) for record in records]
-    table = f"{format_rows(rows)}\n{format_source_table(rows)}"
-    report_rows(args, "evaluate kinematics", rows, table)
+    report_rows(args, "evaluate kinematics", rows)
     return 0

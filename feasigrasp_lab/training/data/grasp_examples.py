@@ -7,7 +7,7 @@ surface. One in five is the true surface instead. Labels come from the true mesh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ import trimesh
 from numpy.typing import NDArray
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.network.surface_input import (
     BEYOND_GRASPS,
@@ -34,7 +33,6 @@ from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 Example = dict[str, Any]
-Labeller = Callable[[Array, Array], PointLabels]
 
 #: Points of an input.
 POINTS = 512
@@ -120,7 +118,6 @@ def object_examples(
     seed: int,
     inputs: int,
     rng: np.random.Generator,
-    label: Labeller | None = None,
 ) -> list[Example]:
     """Examples of one object.
 
@@ -130,14 +127,8 @@ def object_examples(
         seed: Its seed, written beside.
         inputs: Number of examples; fewer if it cannot be seen.
         rng: Draws everything.
-        label: Labels points (n, 3) with normals (n, 3) of the surface; by default what the true
-            mesh says for the default hand.
     """
     viewed, truth = ViewedObject(obj), TrueGrasps(obj.mesh)
-
-    def true_labels(points: Array, normals: Array) -> PointLabels:
-        return best_labels(find_pairs(truth, points, normals, ParallelGripper(), rng), POINTS)
-
     examples = []
     for _ in range(inputs):
         true = rng.random() < TRUE_SHARE
@@ -145,7 +136,8 @@ def object_examples(
         made = true_input(truth, rng) if true else completed_input(viewed, n_views, rng)
         if made is None:
             continue
-        labels = (label or true_labels)(made.points.astype(float), made.normals.astype(float))
+        surface = made.points.astype(float), made.normals.astype(float)
+        labels = best_labels(find_pairs(truth, *surface, ParallelGripper(), rng), POINTS)
         about = {"family": family, "object_seed": seed, "n_views": n_views}
         examples.append(labelled(made, labels) | about | {"true_surface": true})
     return examples

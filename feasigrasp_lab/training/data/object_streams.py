@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,6 @@ from feasigrasp.models.objects.rigid_object import (
     find_objects,
     load_object,
 )
-from feasigrasp_lab.training.data.acronym import acronym_labels, read_acronym
-from feasigrasp_lab.training.data.grasp_examples import Labeller
 from feasigrasp_lab.training.data.household_shapes import (
     HELD_OUT,
     make_shape,
@@ -37,13 +35,11 @@ class StreamedObject:
         obj: The object.
         family: What it is.
         seed: Its seed, or its number in a finite stream.
-        label: Labels its surface; None for what its mesh says.
     """
 
     obj: RigidObject
     family: str
     seed: int
-    label: Labeller | None = None
 
 
 @dataclass(frozen=True)
@@ -51,10 +47,9 @@ class ObjectStream:
     """A numbered stream of objects; picklable, so that processes can share it.
 
     Attributes:
-        kind: ``shape`` (household shapes, endless), ``mesh`` or ``acronym``.
+        kind: ``shape`` (household shapes, endless) or ``mesh``.
         path: For ``mesh``, a folder of closed meshes [m] or one npz file with ``vertices``,
-            ``faces``, ``vertex_offsets`` and ``face_offsets``; for ``acronym``, a folder with h5
-            files in ``grasps`` and meshes beside it.
+            ``faces``, ``vertex_offsets`` and ``face_offsets``.
         seed: Of the shapes.
     """
 
@@ -64,7 +59,7 @@ class ObjectStream:
 
     def __len__(self) -> int:
         """Number of objects; of an endless stream the largest number there is."""
-        return 2**31 - 1 if self.path is None else len(_entries(self.kind, self.path))
+        return 2**31 - 1 if self.path is None else len(_entries(self.path))
 
     def __getitem__(self, index: int) -> StreamedObject:
         """The ``index``-th object.
@@ -75,11 +70,7 @@ class ObjectStream:
         """
         if self.path is None:
             return _shape(index, self.seed)
-        entry = _entries(self.kind, self.path)[index]
-        if self.kind == "acronym":
-            recorded = read_acronym(entry)
-            family = f"acronym {entry.stem.split('_')[0]}"
-            return StreamedObject(recorded.obj, family, index, partial(acronym_labels, recorded))
+        entry = _entries(self.path)[index]
         obj = _from_npz(entry, index) if entry.suffix == ".npz" else load_object(entry)
         return StreamedObject(obj, "mesh", index)
 
@@ -92,13 +83,8 @@ def _shape(index: int, seed: int) -> StreamedObject:
 
 
 @cache
-def _entries(kind: str, path: Path) -> list[Path]:
+def _entries(path: Path) -> list[Path]:
     """The files of a finite stream, in order; one with several objects is there for each."""
-    if kind == "acronym":
-        files = sorted((path / "grasps").glob("*.h5"))
-        if not files:
-            raise MeshError(f"{path / 'grasps'}: no h5 files of ACRONYM")
-        return files
     if path.suffix == ".npz":
         return [path] * (len(_npz(path)["vertex_offsets"]) - 1)
     return list(find_objects(path).values())

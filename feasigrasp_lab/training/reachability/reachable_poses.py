@@ -16,7 +16,7 @@ import resource
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from joblib.externals.loky import get_reusable_executor
@@ -36,27 +36,6 @@ FLOOR = 0.1
 _PILOT = 10_000
 #: Configurations of a part on disk; each part has its own stream of random numbers.
 PART = 250_000
-
-
-class SerialArm(Protocol):
-    """What sampling needs to know of an arm with n joints."""
-
-    @property
-    def lower(self) -> Array:
-        """Lower joint limits, shape (n,) [rad or m]."""
-
-    @property
-    def upper(self) -> Array:
-        """Upper joint limits, shape (n,) [rad or m]."""
-
-    def forward_kinematics(self, q: ArrayLike) -> Array:
-        """Poses of the end frame in the base frame, shape (m, 4, 4), of positions (m, n)."""
-
-    def manipulability(self, q: ArrayLike) -> Array:
-        """Yoshikawa's measure of configurations (m, n), shape (m,)."""
-
-    def in_collision(self, q: ArrayLike) -> Mask:
-        """Which configurations (m, n) are in self-collision, shape (m,)."""
 
 
 class IiwaArm:
@@ -96,7 +75,7 @@ class ReachedPoses(NamedTuple):
     thinned: int
 
 
-def manipulability_reference(arm: SerialArm) -> float:
+def manipulability_reference(arm: IiwaArm) -> float:
     """The manipulability from which on no draw is thinned out: exceeded by 1 draw in 10."""
     rng = np.random.default_rng(0)
     q = rng.uniform(arm.lower, arm.upper, (_PILOT, len(arm.lower)))
@@ -104,7 +83,7 @@ def manipulability_reference(arm: SerialArm) -> float:
 
 
 def sample_reachable_poses(
-    arm: SerialArm,
+    arm: IiwaArm,
     n: int,
     rng: np.random.Generator,
     *,
@@ -152,12 +131,12 @@ def join(parts: Sequence[ReachedPoses]) -> ReachedPoses:
 
 
 def draw_all(
-    arm: SerialArm, n: int, seed: int, folder: Path, jobs: int, **options: Any
+    arm: IiwaArm, n: int, seed: int, folder: Path, jobs: int, **options: Any
 ) -> ReachedPoses:
     """Draws what a folder does not have yet; the result does not depend on what it has.
 
     Args:
-        arm: The arm. If it cannot be sent to another process, take ``jobs=1``.
+        arm: The arm.
         n: Number of configurations.
         seed: Seed of all of them.
         folder: Where the parts are kept.
@@ -180,7 +159,7 @@ def peak_memory_gb() -> float:
 
 
 def _draw_part(
-    file: Path, i: int, *, arm: SerialArm, sizes: list[int], seed: int, options: dict[str, Any]
+    file: Path, i: int, *, arm: IiwaArm, sizes: list[int], seed: int, options: dict[str, Any]
 ) -> bool:
     rng = np.random.default_rng([seed, i])
     poses = sample_reachable_poses(arm, sizes[i], rng, **options)

@@ -17,7 +17,7 @@ from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.protocols.fault_table import FAULTS
-from feasigrasp_lab.report.static import faults_report
+from feasigrasp_lab.report.tables import faults_report
 from feasigrasp_lab.runs import isolated
 from feasigrasp_lab.runs.fault_plan import (
     MOTIONS,

@@ -11,7 +11,6 @@ from feasigrasp_lab.training import train_sampler_data
 from feasigrasp_lab.training.data.grasp_examples import (
     POINTS,
     completed_input,
-    object_examples,
     true_input,
 )
 from feasigrasp_lab.training.data.grasp_labels import N_APPROACHES, N_TURNS
@@ -115,20 +114,6 @@ def test_views_make_an_input_near_the_surface():
     made = completed_input(viewed, 3, np.random.default_rng(2))
     assert made is not None and len(made) == POINTS
     assert np.median(viewed.surface.distance(made.points.astype(float))) < 0.002
-
-
-def test_labels_of_ones_own():
-    """A labeller that is given is asked instead of the mesh."""
-    asked = []
-
-    def label(points, normals):
-        asked.append(len(points))
-        raise KeyError("asked")
-
-    with pytest.raises(KeyError, match="asked"):
-        rng = np.random.default_rng(0)
-        object_examples(make_shape("box", 1), "box", 1, 1, rng, label)
-    assert asked == [POINTS]
 
 
 def test_meshes_of_others(tmp_path):

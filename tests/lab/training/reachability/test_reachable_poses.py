@@ -1,15 +1,12 @@
 """Sampled poses are reached, admissible, reproducible, and thinned as promised."""
 
 import numpy as np
-import pytest
 
-from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.kernels import REACHABLE, WRIST
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp_lab.training.reachability.plant_arm import SerialChain
 from feasigrasp_lab.training.reachability.reachable_poses import (
     IiwaArm,
     join,
@@ -74,63 +71,3 @@ def test_samples_depend_on_the_seed_alone():
     both = join([a, c])
     assert both.drawn == 600
     assert len(both.quaternions) == len(a.quaternions) + len(c.quaternions)
-
-
-def planar_arm(**changes):
-    """Two turning joints and a slide in the plane z = 0, by hand."""
-    X = np.tile(np.eye(4), (3, 1, 1))
-    X[1, 0, 3] = 0.4
-    end = np.eye(4)
-    end[0, 3] = 0.1
-    values = {
-        "X_PJ": X,
-        "axes": np.array([[0, 0, 1.0], [0, 0, 1.0], [1.0, 0, 0]]),
-        "prismatic": np.array([False, False, True]),
-        "X_JE": end,
-        "lower": np.array([-1.0, -1, 0]),
-        "upper": np.array([1.0, 1, 0.3]),
-    }
-    return SerialChain(**(values | changes))
-
-
-def test_planar_arm_is_trigonometry():
-    q = np.random.default_rng(3).uniform(-1, 1, (20, 3))
-    X = planar_arm().forward_kinematics(q)
-    angle = q[:, 0] + q[:, 1]
-    reach = q[:, 2] + 0.1
-    expected = np.stack(
-        [
-            0.4 * np.cos(q[:, 0]) + reach * np.cos(angle),
-            0.4 * np.sin(q[:, 0]) + reach * np.sin(angle),
-        ],
-        axis=1,
-    )
-    np.testing.assert_allclose(X[:, :2, 3], expected, atol=1e-14)
-    np.testing.assert_allclose(X[:, 0, 0], np.cos(angle), atol=1e-14)
-    np.testing.assert_allclose(X[:, 2, 3], 0.0, atol=1e-14)
-
-
-def test_jacobian_against_finite_differences():
-    arm, h = planar_arm(), 1e-6
-    q = np.array([0.3, -0.8, 0.2])
-    X, J = arm.pose_and_jacobian(q)
-    for i in range(3):
-        step = h * np.eye(3)[i]
-        change = arm.forward_kinematics(q + step) @ se3.inverse(arm.forward_kinematics(q - step))
-        twist = se3.log(change) / (2 * h)
-        np.testing.assert_allclose(J[:3, i], twist[:3], atol=1e-8)
-        moved = arm.forward_kinematics(q + step)[:3, 3] - arm.forward_kinematics(q - step)[:3, 3]
-        np.testing.assert_allclose(J[3:, i], moved / (2 * h), atol=1e-8)
-    assert X.shape == (4, 4)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"upper": np.array([1.0, np.inf, 1])}, "joint 1 has limits"),
-        ({"lower": np.array([2.0, -1, 0])}, "joint 0 has limits"),
-    ],
-)
-def test_bad_chains_are_named(changes, message):
-    with pytest.raises(ReachabilityError, match=message):
-        planar_arm(**changes)
