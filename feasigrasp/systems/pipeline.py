@@ -24,7 +24,6 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.schema import Execution, Scenario, Segmentation
-from feasigrasp.systems.faults.injection import FaultInjection
 from feasigrasp.systems.from_scenario import (
     has_eye_in_hand_camera,
     make_camera,
@@ -51,6 +50,7 @@ from feasigrasp.systems.stages.controllers import (
     make_static_grid,
 )
 from feasigrasp.systems.stages.delay import Delay
+from feasigrasp.systems.stages.faults import FaultInjection
 from feasigrasp.systems.stages.remote import (
     add_lapsed,
     remote_scene,

@@ -93,8 +93,6 @@ def test_it_says_what_the_markdown_says_and_more(page, folder):
     assert "Success over speed" in text and "40.0 [30.0, 49.0]" in text
     assert "slipped [%]" in text and "60.0" in text
     assert "1 of 2 held" in text and "0 of 1 held" in text
-        "slipped [%]" in text and "60.0" in text and "1 of 2 held" in text and "0 of 1 held" in text
-    )
     assert "<none>" in text and "the solver failed" in text
     assert len(page.sources) == 1 + 2  # the curve, mug and ball; what has no mesh has no picture
 

@@ -23,11 +23,14 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
-from feasigrasp.systems.faults.faulty_command import FaultyCommand
-from feasigrasp.systems.faults.faulty_images import FaultyCloud, FaultyMask
-from feasigrasp.systems.faults.faulty_pose import FaultyPose
-from feasigrasp.systems.faults.injection import FaultInjection
-from feasigrasp.systems.faults.late_field import LateField
+from feasigrasp.systems.stages.faults import (
+    FaultInjection,
+    FaultyPose,
+    LateField,
+    faulty_cloud,
+    faulty_command,
+    faulty_mask,
+)
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 LABEL = 5
@@ -36,14 +39,8 @@ WINDOW = {"start": 1.0, "duration": 1.0}
 
 @pytest.mark.parametrize(
     "dut",
-    [
-        FaultyCloud(CameraGone(), LABEL),
-        FaultyMask(MaskShifted(), LABEL),
-        FaultyPose(PoseNan(), 0.01),
-        FaultyCommand(CommandNan()),
-        LateField(PerceptionLate()),
-    ],
-    ids=lambda dut: type(dut).__name__,
+    [FaultyPose(PoseNan(), 0.01), LateField(PerceptionLate())],
+    ids=lambda d: type(d).__name__,
 )
 def test_ports_are_those_of_the_docstring(dut, ports, documented_ports):
     inputs, outputs = ports(dut)
@@ -76,7 +73,7 @@ def images(fixed_context, dut, t):
 
 @pytest.mark.parametrize("fault", [CameraGone(**WINDOW), OnePlane(**WINDOW), Outliers(**WINDOW)])
 def test_a_cloud_is_untouched_before_and_after(fixed_context, fault):
-    dut, before = FaultyCloud(fault, LABEL), cloud().xyzs()
+    dut, before = faulty_cloud(fault, LABEL), cloud().xyzs()
     for t in (0.0, 0.99, 2.0, 9.0):
         np.testing.assert_array_equal(images(fixed_context, dut, t).xyzs(), before)
     assert not np.array_equal(images(fixed_context, dut, 1.0).xyzs(), before)
@@ -84,7 +81,7 @@ def test_a_cloud_is_untouched_before_and_after(fixed_context, fault):
 
 def test_the_pixels_of_the_object_are_those_of_its_label(fixed_context):
     """One plane: the object's depths, along the camera's z, are one; others are as before."""
-    seen = images(fixed_context, FaultyCloud(OnePlane(), LABEL), 0.0).xyzs()
+    seen = images(fixed_context, faulty_cloud(OnePlane(), LABEL), 0.0).xyzs()
     on = labels().data.reshape(-1) == LABEL
     assert np.ptp(seen[2, on]) < 1e-6 < np.ptp(cloud().xyzs()[2, on])
     np.testing.assert_array_equal(seen[:, ~on], cloud().xyzs()[:, ~on])
@@ -92,17 +89,17 @@ def test_the_pixels_of_the_object_are_those_of_its_label(fixed_context):
 
 def test_outliers_repeat_with_the_seed_and_differ_from_view_to_view(fixed_context):
     fault = Outliers(share=0.3)
-    first = images(fixed_context, FaultyCloud(fault, LABEL, 1), 0.5).xyzs()
+    first = images(fixed_context, faulty_cloud(fault, LABEL, 1), 0.5).xyzs()
     np.testing.assert_array_equal(
-        first, images(fixed_context, FaultyCloud(fault, LABEL, 1), 0.5).xyzs()
+        first, images(fixed_context, faulty_cloud(fault, LABEL, 1), 0.5).xyzs()
     )
     for seed, t in ((2, 0.5), (1, 1.0)):
-        other = images(fixed_context, FaultyCloud(fault, LABEL, seed), t).xyzs()
+        other = images(fixed_context, faulty_cloud(fault, LABEL, seed), t).xyzs()
         assert not np.array_equal(first, other)
 
 
 def test_a_shifted_mask_uncovers_the_world_and_covers_what_is_beside(fixed_context):
-    dut = FaultyMask(MaskShifted(columns=2, rows=1, **WINDOW), LABEL)
+    dut = faulty_mask(MaskShifted(columns=2, rows=1, **WINDOW), LABEL)
     for t in (0.0, 2.0):
         np.testing.assert_array_equal(images(fixed_context, dut, t).data, labels().data)
     expected = np.full((8, 12), 2)
@@ -224,7 +221,7 @@ def test_commands_are_faulty_for_so_long_only(fixed_context):
         (CommandNan(**WINDOW), lambda v: np.isnan(v).all()),
         (CommandWild(**WINDOW), lambda v: (np.abs(v) == 1e6).all()),
     ):
-        dut = FaultyCommand(fault)
+        dut = faulty_command(fault)
         context = fixed_context(dut, velocity=qd)
         for t in (0.0, 0.999, 2.0):
             context.SetTime(t)
@@ -289,5 +286,5 @@ def test_a_solver_that_gives_up_brakes_the_arm_within_its_limits(controller):
 
 def test_a_controller_without_a_solver_cannot_have_one_that_fails():
     faulty = scenario("{faults: [!SolverFailure {}]}")
-    with pytest.raises(ScenarioError, match="FaultyCommand has no solver"):
-        FaultInjection(DiagramBuilder(), faulty).command(FaultyCommand(CommandNan()))
+    with pytest.raises(ScenarioError, match="FaultySignal has no solver"):
+        FaultInjection(DiagramBuilder(), faulty).command(faulty_command(CommandNan()))

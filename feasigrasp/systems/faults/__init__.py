@@ -1,1 +1,0 @@
-"""Systems that inject faults between two others."""
