@@ -33,8 +33,11 @@ from feasigrasp.runs.live import LiveView
 from feasigrasp.runs.metrics.cause import Cause
 from feasigrasp.runs.metrics.handling import ObjectTruth
 from feasigrasp.runs.metrics.motion_limits import JointTicks
-from feasigrasp.runs.metrics.reference_robot import reference_robot
-from feasigrasp.runs.metrics.robot_limits import self_collision_metrics, torque_metrics
+from feasigrasp.runs.metrics.reference_robot import (
+    reference_robot,
+    self_collision_metrics,
+    torque_metrics,
+)
 from feasigrasp.runs.metrics.run_metrics import not_held, summarize
 from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.runs.metrics.tick_times import TickTimes
@@ -44,10 +47,9 @@ from feasigrasp.runs.replay import (
     write_replay,
 )
 from feasigrasp.runs.results.interrupts import postponed_interrupt
-from feasigrasp.runs.results.provenance import git_revision, machine, versions
+from feasigrasp.runs.results.provenance import git_revision, machine, own_files, versions
 from feasigrasp.runs.teleport import teleport
 from feasigrasp.scenario.files import dump_scenario
-from feasigrasp.scenario.own_files import own_files
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp

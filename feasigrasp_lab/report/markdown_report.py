@@ -18,8 +18,8 @@ from feasigrasp.runs.results.rows import Row
 from feasigrasp_lab.report.curves import FIGURE
 from feasigrasp_lab.report.html_report import write_page
 from feasigrasp_lab.report.tables import dynamic_report, faults_report, static_report
-from feasigrasp_lab.results.conditions import conditions_text
 from feasigrasp_lab.results.markdown import markdown_table
+from feasigrasp_lab.runs.run_plan import conditions_text
 
 
 class ReportError(FeasigraspError, FileNotFoundError):

@@ -27,10 +27,10 @@ from tqdm import tqdm
 from feasigrasp.errors import OutputError
 from feasigrasp.outputs import check_folder
 from feasigrasp.runs.results.interrupts import STATUS, Unfinished
+from feasigrasp.runs.results.provenance import own_files
 from feasigrasp.runs.results.rows import write_json
 from feasigrasp.runs.run import crash_record, run
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
-from feasigrasp.scenario.own_files import own_files
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.results.finished import Record, made_with, read_finished, report_reuse
 from feasigrasp_lab.results.workers import in_threads, on_cluster

@@ -37,8 +37,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.one_thread import one_thread
 from feasigrasp.runs.metrics.motion_limits import JointTicks
-from feasigrasp.runs.metrics.reference_robot import reference_robot
-from feasigrasp.runs.metrics.robot_limits import self_collision_metrics
+from feasigrasp.runs.metrics.reference_robot import reference_robot, self_collision_metrics
 from feasigrasp.runs.metrics.run_metrics import TRACKED_ANGLE, TRACKED_POSITION, summarize
 from feasigrasp.runs.metrics.table import METRICS, Metric, Subject
 from feasigrasp.scenario.sampling import lap, make_motion

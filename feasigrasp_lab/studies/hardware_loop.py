@@ -26,8 +26,8 @@ from feasigrasp.runs.results.arguments import (
 from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp_lab.results.finished import Record, finish_all
-from feasigrasp_lab.runs.hardware.network import Network
-from feasigrasp_lab.runs.hardware.pair import ProcessFault, run_pair
+from feasigrasp_lab.runs.hardware_network import Network
+from feasigrasp_lab.runs.hardware_pair import ProcessFault, run_pair
 from feasigrasp_lab.runs.isolated import run_all
 from feasigrasp_lab.runs.plan import PlannedRun, Split, add_scenario_arguments, plan
 

@@ -30,8 +30,7 @@ from feasigrasp.runs.results.rows import Row, report_rows, write_csv
 from feasigrasp.runs.results.statistics import grouped, mean
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.tracking.judge import IN_VIEW, Frame, TrueObject, judge, lost
-from feasigrasp_lab.tracking.recording import recorded
-from feasigrasp_lab.tracking.sensors import SENSORS
+from feasigrasp_lab.tracking.recording import SENSORS, recorded
 from feasigrasp_lab.tracking.trackers import OurTracker, Tracker
 
 # Other registrations in the place of ours: image against model, point to plane.

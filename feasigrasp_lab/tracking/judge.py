@@ -25,8 +25,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.tracking.information import jacobian
 from feasigrasp.models.tracking.view import ObjectView
-from feasigrasp_lab.tracking.recording import RATE, Recording
-from feasigrasp_lab.tracking.sensors import Sensor, images
+from feasigrasp_lab.tracking.recording import RATE, Recording, Sensor, images
 from feasigrasp_lab.tracking.trackers import Tracker
 from feasigrasp_lab.training.data.raycasting import Raycaster
 

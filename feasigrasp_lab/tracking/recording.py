@@ -8,7 +8,7 @@ sensor. The true poses are there for judging alone.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -18,11 +18,68 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.clouds.camera import Camera, unproject
+from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
+from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp_lab.results.finished import finished_arrays, made_with, write_arrays
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A depth camera.
+
+    Attributes:
+        noise: Its errors.
+        near: Least depth that it measures [m].
+    """
+
+    noise: DepthNoise
+    near: float
+
+
+#: Those that the tracker is judged with; focal length and size are those of the recording. The
+#: second has the errors of the Reach scenarios' camera, but for its calibration.
+SENSORS = {
+    "d435": Sensor(DepthNoise(), 0.105),
+    "d405": Sensor(
+        DepthNoise(baseline=0.018, correlation=1.0, motion_blur=1.0, dropped=0.02), 0.07
+    ),
+}
+
+
+def images(
+    recording: Recording, sensor: Sensor, seed: int, hidden: tuple[float, float] = (0.0, 0.0)
+) -> Iterator[tuple[int, ObjectView]]:
+    """The images of a recording, as a sensor would have made them.
+
+    Args:
+        recording: The recording.
+        sensor: The sensor.
+        seed: Of its errors.
+        hidden: From when to when something hides the object [s].
+    """
+    h, w = recording.depths.shape[1:]
+    fx, fy, cx, cy = recording.intrinsics
+    camera = Camera((fx, fy, cx, cy), w, h, sensor.near, sensor.noise.axial(fx))
+    for k, X_WC in enumerate(recording.X_WC):
+        depth = recording.depth(k)
+        depth[depth < sensor.near] = 0.0
+        rng = np.random.default_rng([seed, k])
+        depth = sensor.noise.apply(depth, recording.intrinsics, rng, near=sensor.near, far=3.0)
+        if hidden[0] < recording.times[k] < hidden[1]:
+            depth[:] = 0.0
+        seen = np.isfinite(depth) & (depth > 0.0)
+        points = unproject(np.where(seen, depth, np.inf), camera.intrinsics)
+        mask = recording.masks[k]
+        used = mask & seen & ~edge_pixels(points, seen, mask, EDGE_JUMP)
+        points_W = points[:, used].T @ X_WC[:3, :3].T + X_WC[:3, 3]
+        yield k, ObjectView(camera, X_WC, points_W, depth)
+
 
 #: Images per second.
 RATE = 30.0

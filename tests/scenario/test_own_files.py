@@ -5,7 +5,7 @@ import hashlib
 import pytest
 import trimesh
 
-from feasigrasp.scenario.own_files import own_files
+from feasigrasp.runs.results.provenance import own_files
 from feasigrasp.scenario.parts import PartConfig
 from feasigrasp.scenario.schema import ObjectConfig, Scenario
 

@@ -3,8 +3,8 @@
 import pytest
 import trimesh
 
+from feasigrasp.runs.results.provenance import own_files
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
-from feasigrasp.scenario.own_files import own_files
 from feasigrasp.systems.station.directives import cell_directives
 
 TEXT = """

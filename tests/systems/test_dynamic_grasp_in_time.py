@@ -7,8 +7,7 @@ from pydrake.systems.analysis import Simulator
 from feasigrasp.models.clouds.usable import ViewFault
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.runs.metrics.reference_robot import reference_robot
-from feasigrasp.runs.metrics.robot_limits import self_collision_metrics
+from feasigrasp.runs.metrics.reference_robot import reference_robot, self_collision_metrics
 from feasigrasp.systems import (
     gp_joint_controller,
     point_cloud_to_gpdf,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import importlib.util
 import os
 import platform
 import subprocess
@@ -13,6 +15,53 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import lapack
+
+from feasigrasp.errors import MeshError
+from feasigrasp.models.objects.rigid_object import builtin_objects, object_file
+from feasigrasp.scenario.schema import Scenario
+
+
+def own_files(scenario: Scenario) -> dict[str, str]:
+    """SHA-256 of every file that a run depends on and that is not the package's.
+
+    Returns:
+        By what it is for: ``object`` (its mesh), ``gripper``, ``cell.meshes.NAME``,
+        ``parts.sampler`` and so on (the module; what that imports is not looked at). One that is
+        not there is left out.
+    """
+    files = {"object": _mesh(scenario.object.model), "gripper": Path(scenario.gripper)}
+    for name, mesh in scenario.cell.meshes.items():
+        files[f"cell.meshes.{name}"] = Path(mesh.file)
+    for key, part in scenario.parts.items():
+        files[f"parts.{key}"] = _module(part.name.partition(":")[0])
+    return {key: _digest(file, *_state(file)) for key, file in files.items() if file.is_file()}
+
+
+def _mesh(model: str) -> Path:
+    try:
+        return Path() if model in builtin_objects() else object_file(model)
+    except MeshError:
+        return Path()
+
+
+def _module(name: str) -> Path:
+    try:
+        spec = importlib.util.find_spec(name)
+    except (ImportError, ValueError):
+        spec = None
+    return Path(spec.origin) if spec is not None and spec.origin else Path()
+
+
+def _state(file: Path) -> tuple[int, int]:
+    status = os.stat(file)
+    return status.st_mtime_ns, status.st_size
+
+
+@cache
+def _digest(file: Path, *_state: int) -> str:
+    with file.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
+
 
 _PACKAGES = ("feasigrasp", "drake", "numpy", "scipy", "numba", "torch")
 

@@ -20,7 +20,7 @@ from feasigrasp.systems.remote.packing import packed, unpacked
 #: A worker that takes longer hangs: to start and compile, and for one piece of work [s].
 START_PATIENCE, PATIENCE = 300.0, 10.0
 #: Distinguishes a worker from other processes, in a list of what they run.
-SERVING = "feasigrasp.systems.remote.serving"
+SERVING = "feasigrasp.systems.remote.served"
 #: What the process runs: modules are looked for where this one finds them.
 _SERVE = f"import sys; sys.path[:] = {{path!r}}; from {SERVING} import main; main({{descriptor}})"
 

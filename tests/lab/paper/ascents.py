@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from feasigrasp_lab.paper.ascent import ascent_kernel
+from feasigrasp_lab.paper.task_law import ascent_kernel
 
 
 def ascent_direction(mixture, X):

@@ -7,9 +7,8 @@ import pytest
 
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
-from feasigrasp_lab.results.conditions import conditions_text
 from feasigrasp_lab.runs.plan import Plan, PlannedRun
-from feasigrasp_lab.runs.run_plan import conditions
+from feasigrasp_lab.runs.run_plan import conditions, conditions_text
 
 
 def planned(name, text="{}", model="duck"):

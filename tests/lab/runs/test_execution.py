@@ -15,7 +15,7 @@ from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_hand_error
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.from_scenario import make_station
-from feasigrasp_lab.protocols.static import PROTOCOLS
+from feasigrasp_lab.studies.static import PROTOCOLS
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 X_FG = ParallelGripper().X_FG

@@ -18,9 +18,10 @@ from feasigrasp.runs.hardware import cell as cell_module
 from feasigrasp.runs.hardware.cell import ReceivedCommands
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
-from feasigrasp_lab.runs.hardware import network, pair
-from feasigrasp_lab.runs.hardware.network import Network, Relay, RelayProcess
-from feasigrasp_lab.runs.hardware.pair import ProcessFault, workers_of
+from feasigrasp_lab.runs import hardware_network as network
+from feasigrasp_lab.runs import hardware_pair as pair
+from feasigrasp_lab.runs.hardware_network import Network, Relay, RelayProcess
+from feasigrasp_lab.runs.hardware_pair import ProcessFault, workers_of
 from feasigrasp_lab.studies import hardware_loop
 from feasigrasp_lab.studies.hardware_loop import outcome, outcome_rows, planned_pairs
 

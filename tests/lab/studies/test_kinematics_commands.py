@@ -10,7 +10,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.bench import kinematics as bench
 from feasigrasp_lab.measures import timing
 from feasigrasp_lab.peers.drake_arm import DrakeArm
-from feasigrasp_lab.studies.arm import kinematics as evaluate
+from feasigrasp_lab.studies import kinematics as evaluate
 
 
 def value(rows, name, preset="default"):

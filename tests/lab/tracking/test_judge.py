@@ -13,8 +13,7 @@ from feasigrasp_lab.studies.tracking import (
 )
 from feasigrasp_lab.tracking import recording as module
 from feasigrasp_lab.tracking.judge import TrueObject, judge, lost
-from feasigrasp_lab.tracking.recording import RATE, Recording, recorded
-from feasigrasp_lab.tracking.sensors import SENSORS, images
+from feasigrasp_lab.tracking.recording import RATE, SENSORS, Recording, images, recorded
 from feasigrasp_lab.tracking.trackers import OurTracker
 from feasigrasp_lab.training.data.raycasting import Raycaster
 from tests.object_views import CAMERA, camera_at, look

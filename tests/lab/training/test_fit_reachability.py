@@ -13,7 +13,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.runs.results.statistics import area_under_curve, roc_curve
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
-from feasigrasp_lab.studies.arm import reachability
+from feasigrasp_lab.studies import reachability
 from feasigrasp_lab.training.fit_reachability import parse_components, parse_tool
 
 FIT = ["fit", "reachability", "--samples", "30000", "--jobs", "1"]

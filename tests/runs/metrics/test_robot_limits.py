@@ -7,8 +7,11 @@ import pytest
 
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
-from feasigrasp.runs.metrics.reference_robot import reference_robot
-from feasigrasp.runs.metrics.robot_limits import self_collision_metrics, torque_metrics
+from feasigrasp.runs.metrics.reference_robot import (
+    reference_robot,
+    self_collision_metrics,
+    torque_metrics,
+)
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.from_scenario import make_station
 

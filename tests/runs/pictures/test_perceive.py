@@ -13,8 +13,8 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.runs.pictures.dense_surface import dense_surface
 from feasigrasp.runs.pictures.perception import (
+    dense_surface,
     draw_perception,
     gripper_outline,
     towards_viewer,

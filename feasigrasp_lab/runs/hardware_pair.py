@@ -24,7 +24,7 @@ from pydrake.lcm import DrakeLcm
 from feasigrasp.errors import HardwareError
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.remote.worker import SERVING
-from feasigrasp_lab.runs.hardware.network import Network, RelayProcess
+from feasigrasp_lab.runs.hardware_network import Network, RelayProcess
 
 #: How long a pair of processes may take from its start to its end [s].
 PATIENCE = 900.0

@@ -1,1 +1,0 @@
-"""Runs over driver messages in two processes, with network impairment."""

@@ -1,1 +1,0 @@
-"""Evaluation commands of the arm alone."""
