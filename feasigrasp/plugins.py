@@ -9,6 +9,8 @@ Kinds, each with what an entry point of it is:
 
 - ``commands``: a function that returns `feasigrasp.cli.Commands`.
 - ``controllers``: a function ``(scenario, reachability, safety) -> GraspController``.
+- ``fields``: a function ``(cloud, length_scale=, noise_variance=, max_points=) ->
+  feasigrasp.models.shape.gpdf.Gpdf``; ``noise_variance`` may be None.
 - ``ik_sources``: a function as `closed_form_configurations` of
   `feasigrasp.models.control.joint.sources`.
 - ``judges``: a function ``(scenario, reachability) ->

@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 from feasigrasp import Result
 from feasigrasp.models.clouds import DepthNoise, FusedCloud
 from feasigrasp.models.clouds.edges import Outline
-from feasigrasp.models.clouds.view_record import ViewRecord
+from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.control import (
     JointControlOptions,
     SafetyFilter,

@@ -43,7 +43,7 @@ def test_site_is_built_without_warnings(repository, tmp_path):
 
 def test_constants_have_value_and_comment():
     found = {(c.module, c.name): c for c in constants()}
-    share = found["feasigrasp.models.tracking.information", "NOISE_SHARE"]
+    share = found["feasigrasp.models.tracking.model", "NOISE_SHARE"]
     assert share.value == "0.003" and "normals" in share.comment
     assert ("feasigrasp.models.robot.iiwa", "IIWA_7") not in found
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from types import ModuleType
 
 from feasigrasp import cli
+from feasigrasp.models.choices import Span
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
-from feasigrasp.models.keys import Span
 from feasigrasp.runs.metrics.table import METRICS, UNITLESS
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.parts import PartConfig

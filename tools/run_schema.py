@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from feasigrasp.models.control.mode import controller_names, mode_names
+from feasigrasp.models.choices import controller_names, mode_names
 from feasigrasp.models.control.status import StatusCode
 from feasigrasp.runs.metrics.cause import Cause
 from feasigrasp.runs.metrics.table import METRICS, Metric

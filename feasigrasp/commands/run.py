@@ -18,7 +18,7 @@ import yaml
 
 from feasigrasp.commands.warm_up import compile_in_advance
 from feasigrasp.errors import FeasigraspError, OutputError
-from feasigrasp.models.control.mode import controller_names, mode_names
+from feasigrasp.models.choices import controller_names, mode_names
 from feasigrasp.outputs import check_outputs, replacing, write_text
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.console import StatusLine, summary

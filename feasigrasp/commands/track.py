@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.clouds.table import check_no_table
+from feasigrasp.models.segmentation.tabletop import check_no_table
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.outputs import check_outputs, replacing
 from feasigrasp.recordings.folder import DepthFolder, read_depth_folder

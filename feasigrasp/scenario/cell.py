@@ -2,7 +2,7 @@
 
 import dataclasses as dc
 
-from feasigrasp.models.keys import PLACE, TURN, key
+from feasigrasp.models.choices import PLACE, TURN, key
 
 
 @dc.dataclass

@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 
 from feasigrasp.errors import CameraError, GraspError, ScenarioError
-from feasigrasp.models.choices import nearest
+from feasigrasp.models.choices import ControlSpace, Span, metadata_of, nearest
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
-from feasigrasp.models.control.mode import ControlSpace
-from feasigrasp.models.keys import Span, metadata_of
 from feasigrasp.models.objects.tracker_config import TrackerKind
-from feasigrasp.models.robot.grippers import load_gripper
+from feasigrasp.models.robot.gripper import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.plugins import plugins
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig

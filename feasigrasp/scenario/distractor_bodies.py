@@ -2,8 +2,8 @@
 
 import dataclasses as dc
 
-from feasigrasp.models.keys import key, word
-from feasigrasp.models.objects.carriers import CarrierKind
+from feasigrasp.models.choices import key, word
+from feasigrasp.models.objects.distractor_bodies import CarrierKind
 
 
 @dc.dataclass

@@ -1,4 +1,4 @@
-"""Valid values of the keys of Drake's own schemas; as `feasigrasp.models.keys` for ours."""
+"""Valid values of the keys of Drake's own schemas; as `feasigrasp.models.choices` for ours."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from pydrake.systems.analysis import GetIntegrationSchemes
 
-from feasigrasp.models.keys import PLACE, TURN, Span
+from feasigrasp.models.choices import PLACE, TURN, Span
 
 _ROTATION = {"deg": TURN, "angle_deg": TURN, "axis": Span(-1e3, 1e3)}
 

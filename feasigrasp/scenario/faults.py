@@ -14,13 +14,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.faults.control import (
+from feasigrasp.models.faults.fault import (
     CommandNan,
     CommandWild,
+    Fault,
     PerceptionLate,
+    PoseFrozen,
+    PoseJump,
+    PoseLate,
+    PoseNan,
     SolverFailure,
 )
-from feasigrasp.models.faults.fault import Fault
 from feasigrasp.models.faults.images import (
     CameraBlack,
     CameraGone,
@@ -33,7 +37,6 @@ from feasigrasp.models.faults.images import (
     Outliers,
 )
 from feasigrasp.models.faults.object import ObjectMoved, ObjectPace, ObjectPulled
-from feasigrasp.models.faults.pose import PoseFrozen, PoseJump, PoseLate, PoseNan
 
 
 @dataclass

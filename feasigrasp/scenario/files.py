@@ -13,10 +13,9 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
 from feasigrasp.errors import MeshError, ScenarioError
 from feasigrasp.models.arguments import checked
-from feasigrasp.models.choices import nearest
-from feasigrasp.models.control.mode import SAFE, mode_names
+from feasigrasp.models.choices import SAFE, mode_names, nearest
 from feasigrasp.models.objects.rigid_object import builtin_objects, object_file
-from feasigrasp.models.robot.grippers import GRIPPERS
+from feasigrasp.models.robot.gripper import GRIPPERS
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.keys import check_keys, compose, find, move_keys, replace_former_keys

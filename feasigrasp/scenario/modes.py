@@ -7,8 +7,7 @@ from typing import Any, Protocol
 from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.choices import parse_word
-from feasigrasp.models.control.mode import SAFE, mode_names
+from feasigrasp.models.choices import SAFE, mode_names, parse_word
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.plugins import load_plugin
 from feasigrasp.scenario.schema import Scenario

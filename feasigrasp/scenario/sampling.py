@@ -16,10 +16,13 @@ from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.faults.object import altered
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.bezier_motion import BezierMotion, bezier_legs
-from feasigrasp.models.objects.carriers import CarrierKind
-from feasigrasp.models.objects.distractor_bodies import Carrier, Distractor, DistractorBody
-from feasigrasp.models.objects.motion import HarmonicMotion, ObjectMotion
+from feasigrasp.models.objects.distractor_bodies import (
+    Carrier,
+    CarrierKind,
+    Distractor,
+    DistractorBody,
+)
+from feasigrasp.models.objects.motion import BezierMotion, HarmonicMotion, ObjectMotion, bezier_legs
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig

@@ -18,15 +18,24 @@ from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import check_fields
-from feasigrasp.models.control.mode import SAFE, ControlSpace, controller_names, mode_names
+from feasigrasp.models.choices import (
+    SAFE,
+    SEED,
+    TURN,
+    ControlSpace,
+    Span,
+    controller_names,
+    key,
+    mode_names,
+    word,
+)
 from feasigrasp.models.control.planning.predicted_poses import PredictionModel
 from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
-from feasigrasp.models.keys import SEED, TURN, Span, key, word
 from feasigrasp.models.objects.tracker_config import TrackerConfig
-from feasigrasp.models.robot.grippers import PACKAGED
+from feasigrasp.models.robot.gripper import PACKAGED
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.shape.completion import Preset
+from feasigrasp.models.shape.completion import DEFAULT, field_names
 from feasigrasp.plugins import plugins
 from feasigrasp.scenario.cell import CellConfig
 from feasigrasp.scenario.distractor_bodies import CarrierConfig, DistractorConfig
@@ -147,7 +156,7 @@ class PerceptionConfig:
             messages, else the former.
         period: Time between views [s].
         latency: Time from a view to its grasps [s], where the cell is simulated.
-        preset: ``default``, or ``paper`` for the paper's field, see `complete_shape`.
+        preset: ``default``, or ``paper`` for the paper's field, a plugin of ``fields``.
         max_points: Points that the field is fitted to.
         length_scale: Length scale of the field's kernel [m].
         voxel_size: Resolution at which views are merged in the object frame [m].
@@ -167,7 +176,7 @@ class PerceptionConfig:
     execution: str = word(Execution.AUTO, Execution)
     period: float = key(0.5, 0.01, 60.0, "s")
     latency: float = key(0.1, 0.0, 10.0, "s")
-    preset: str = word(Preset.DEFAULT, Preset)
+    preset: str = word(DEFAULT, field_names())
     max_points: int = key(320, 8, 4096)
     length_scale: float = key(0.3, 0.001, 10.0, "m")
     voxel_size: float = key(0.003, 0.0005, 0.05, "m")

@@ -18,8 +18,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.grippers import load_gripper
+from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.modeled_bodies import ModeledBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf

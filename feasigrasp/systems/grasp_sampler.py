@@ -11,8 +11,8 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Frozen
-from feasigrasp.models.grasps.data_association import GraspHistory, recheck_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
+from feasigrasp.models.grasps.non_maximum_suppression import GraspHistory, recheck_grasps
 from feasigrasp.models.grasps.payload import PayloadModel
 from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.robot.gripper import ParallelGripper

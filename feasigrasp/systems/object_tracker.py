@@ -7,7 +7,6 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.objects.motion_capture import measured_pose
 from feasigrasp.models.objects.pose_filter import (
     STATE_SIZE,
     Noise,
@@ -18,7 +17,7 @@ from feasigrasp.models.objects.pose_filter import (
     twist_kernel,
 )
 from feasigrasp.models.objects.prediction import MotionEstimate, predict_kernel
-from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.objects.tracker_config import TrackerConfig, measured_pose
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.systems.ports import declare_cache, declare_input, declare_output, weakly
 

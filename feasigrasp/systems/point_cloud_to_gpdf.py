@@ -18,12 +18,11 @@ from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
 from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.usable import ViewFault, of_one_depth, usable_points
-from feasigrasp.models.clouds.view_record import ViewRecord
+from feasigrasp.models.clouds.usable import ViewFault, ViewRecord, of_one_depth, usable_points
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.quantities import Bound, Count, Positive, Whole
-from feasigrasp.models.shape.completion import Preset, complete_shape
+from feasigrasp.models.shape.completion import DEFAULT, complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.grids import object_grid
 from feasigrasp.scenario.schema import PerceptionConfig
@@ -141,7 +140,7 @@ class PointCloudToGPDF(LeafSystem):
         self,
         period: Positive = PerceptionConfig.period,
         *,
-        preset: str = Preset.DEFAULT,
+        preset: str = DEFAULT,
         max_points: Count = PerceptionConfig.max_points,
         length_scale: Positive = PerceptionConfig.length_scale,
         voxel_size: Positive = PerceptionConfig.voxel_size,
@@ -156,7 +155,7 @@ class PointCloudToGPDF(LeafSystem):
 
         Args:
             period: Time between views [s].
-            preset: ``default`` or ``paper``, see `complete_shape`.
+            preset: Which field, see `complete_shape`.
             max_points: Surface points that the field is fitted to.
             length_scale: Length scale of the field's kernel [m].
             voxel_size: Resolution at which views are merged [m].
@@ -168,7 +167,7 @@ class PointCloudToGPDF(LeafSystem):
             min_points: A view with fewer finite points is ignored.
         """
         super().__init__()
-        nothing = FusedCloud.empty(voxel_size, smooth=preset == Preset.DEFAULT)
+        nothing = FusedCloud.empty(voxel_size, smooth=preset == DEFAULT)
         cap = sphere_points(400, 0.03)
         cap = cap[cap[:, 2] > 0.0]
         twice = nothing.merged(cap, [0.0, 0.0, 0.5]).merged(cap, [0.0, 0.1, 0.5])

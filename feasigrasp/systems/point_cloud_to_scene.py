@@ -13,10 +13,9 @@ from pydrake.systems.sensors import ImageLabel16I
 
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS
-from feasigrasp.models.clouds.depth_view import DepthView
 from feasigrasp.models.clouds.edges import edge_pixels
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.observed_space import ObservedSpace
+from feasigrasp.models.clouds.observed_space import DepthView, ObservedSpace
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper

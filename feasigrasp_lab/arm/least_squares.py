@@ -4,7 +4,7 @@ A step is ``dq = J^T (J J^T + lambda^2 I)^-1 e`` with the pose error e = [angula
 world (Nakamura and Hanafusa, "Inverse kinematic solutions with singularity robustness for robot
 manipulator control", 1986). The damping lambda trades speed for boundedness next to singularities.
 It ends in the solution that is close to where it starts: to continue a solution of a pose that
-moves, or to refine a rough one. The closed form is in `feasigrasp.models.ik.closed_form`.
+moves, or to refine a rough one. The closed form is in `feasigrasp.models.ik.self_motion`.
 """
 
 import math

@@ -26,9 +26,8 @@ from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.models.shape.completion import Preset
-from feasigrasp.models.shape.covariance import gram_lower
-from feasigrasp.models.shape.gpdf_fit import PAPER, Gpdf, fit_field, fit_gpdf
+from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_field, fit_gpdf
+from feasigrasp.models.shape.node_sums import gram_lower
 from feasigrasp.runs.results.arguments import add_common_arguments, select_objects
 from feasigrasp.runs.results.rows import Row
 from feasigrasp_lab.measures.timing import (
@@ -39,6 +38,7 @@ from feasigrasp_lab.measures.timing import (
     report_bench,
     timing_row,
 )
+from feasigrasp_lab.paper.field import PAPER
 
 #: Where the camera looks from, relative to the object's centre [m].
 CAMERA = np.array([0.35, 0.2, 0.3])
@@ -65,7 +65,7 @@ def partial_cloud(name: str, seed: int) -> Array:
 
 def whole_fit(cloud: Array, preset: str, nodes: int) -> Gpdf:
     """Selection, normals and fit, from a cloud; at most so many nodes, offset points included."""
-    points = nodes if preset == Preset.PAPER else 3 * nodes // 5
+    points = nodes if preset == "paper" else 3 * nodes // 5
     return fit_gpdf(cloud, max_points=points, viewpoint=CAMERA, **PRESETS[preset])
 
 

@@ -1,7 +1,7 @@
 """Single-precision density of a Riemannian mixture for blocks of poses.
 
 They serve millions of poses, where speed decides and an error of 1e-5 in a log density does not
-matter (``feasigrasp bench reachability``, bench.em_pass_s); `feasigrasp.models.mixtures.kernels`
+matter (``feasigrasp bench reachability``, bench.em_pass_s); `feasigrasp.models.mixtures.mixture`
 has the exact ones for one pose at a time. What makes them fast:
 
 * Structure of arrays: a block of poses is ``(7, BLOCK)``, quaternion wxyz and position, so that
@@ -28,7 +28,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import quaternion_kernel
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
-from feasigrasp.models.numerics.simd import wide_vectors
+from feasigrasp.models.numerics.fast_math import wide_vectors
 
 Float32Array = NDArray[np.float32]
 

@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.choices import ControlSpace
 from feasigrasp.models.control.joint.options import SolutionOptions
-from feasigrasp.models.control.mode import ControlSpace
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.plugins import load_plugin
 from feasigrasp.scenario.schema import CLOSED_FORM, Scenario

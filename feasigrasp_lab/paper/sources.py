@@ -15,7 +15,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.joint.sources import distance_kernel, select_kernel
 from feasigrasp.models.control.planning.cost_weights import CostWeights, running_cost_kernel
-from feasigrasp.models.ik.closed_form import inside_limits_kernel
+from feasigrasp.models.ik.self_motion import inside_limits_kernel
 from feasigrasp.models.reach.kernels import Search
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.arm.least_squares import refine

@@ -8,13 +8,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from feasigrasp.models.faults.control import (
+from feasigrasp.models.faults.fault import (
     CommandNan,
     CommandWild,
+    Fault,
     PerceptionLate,
+    PoseFrozen,
+    PoseJump,
+    PoseLate,
+    PoseNan,
     SolverFailure,
 )
-from feasigrasp.models.faults.fault import Fault
 from feasigrasp.models.faults.images import (
     CameraBlack,
     CameraGone,
@@ -27,7 +31,6 @@ from feasigrasp.models.faults.images import (
     Outliers,
 )
 from feasigrasp.models.faults.object import ObjectMoved, ObjectPace, ObjectPulled
-from feasigrasp.models.faults.pose import PoseFrozen, PoseJump, PoseLate, PoseNan
 
 
 @dataclass(frozen=True)

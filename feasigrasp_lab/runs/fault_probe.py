@@ -11,9 +11,9 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.faults.fault import PoseFrozen, PoseNan
 from feasigrasp.models.faults.images import CameraGone
 from feasigrasp.models.faults.object import ObjectMoved
-from feasigrasp.models.faults.pose import PoseFrozen, PoseNan
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.one_thread import one_thread

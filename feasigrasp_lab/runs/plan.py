@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 
 from feasigrasp.errors import FeasigraspError, MeshError, ScenarioError
-from feasigrasp.models.control.mode import ControlSpace
+from feasigrasp.models.choices import ControlSpace
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.results.arguments import names, positive, print_notes, select_objects
 from feasigrasp.scenario.checks import check_scenario

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from feasigrasp.models.control.mode import SAFE
+from feasigrasp.models.choices import SAFE
 from feasigrasp.runs.metrics.table import FIGURES, METRICS, Over
 from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.results.statistics import grouped, mean_of_objects

@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.ik.closed_form import arm_angle, closed_form
+from feasigrasp.models.ik.self_motion import arm_angle, closed_form
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.runs.results.arguments import add_common_arguments

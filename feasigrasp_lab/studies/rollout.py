@@ -6,7 +6,7 @@ import argparse
 import itertools
 import time
 
-from feasigrasp.models.control.mode import mode_names
+from feasigrasp.models.choices import mode_names
 from feasigrasp.runs.results.arguments import add_common_arguments, names, positive, select_objects
 from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp.runs.results.statistics import mean

@@ -21,9 +21,8 @@ from matplotlib.figure import Figure
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
-from feasigrasp.models.shape.completion import Preset, complete_shape
-from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.surface_error import surface_deviation
+from feasigrasp.models.shape.completion import DEFAULT, complete_shape
+from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation
 from feasigrasp.outputs import save_figure
 from feasigrasp.runs.results.arguments import add_common_arguments, names, positive, select_objects
 from feasigrasp.runs.results.rows import Row, report_rows, write_csv
@@ -99,7 +98,7 @@ def evaluate_object(name: str, path: str, views: int, seed: int) -> list[Record]
 
 def _completed(seen: Sequence[PartialView], preset: str) -> Gpdf:
     """The field of some views, with its completed surface."""
-    field = complete_shape(fused(seen, smooth=preset == Preset.DEFAULT), preset=preset)
+    field = complete_shape(fused(seen, smooth=preset == DEFAULT), preset=preset)
     _ = field.completion
     return field
 

@@ -20,7 +20,7 @@ import numpy as np
 from pydrake.common.schema import Rotation
 
 from feasigrasp.errors import MeshError, ScenarioError
-from feasigrasp.models.control.mode import ControlSpace, controller_names
+from feasigrasp.models.choices import ControlSpace, controller_names
 from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper

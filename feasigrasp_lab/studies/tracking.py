@@ -20,7 +20,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.view_record import ViewRecord
+from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.tracking.keyframe import KEY_PERIOD, KEY_VIEWS

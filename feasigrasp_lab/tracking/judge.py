@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.rigid_object import RigidObject
-from feasigrasp.models.tracking.information import jacobian
+from feasigrasp.models.tracking.model import jacobian
 from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp_lab.tracking.recording import RATE, Recording, Sensor, images
 from feasigrasp_lab.tracking.trackers import Tracker

@@ -30,8 +30,7 @@ from feasigrasp.models.grasps.hand_clearance import (
     observed_clearance,
 )
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
-from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.surface_error import INVENTED, MARGIN_GROWTH
+from feasigrasp.models.shape.gpdf import INVENTED, MARGIN_GROWTH, Gpdf
 from feasigrasp.runs.results.arguments import add_run_arguments, positive
 from feasigrasp.runs.results.rows import write_json
 from feasigrasp_lab.results.finished import made_with

@@ -24,13 +24,15 @@ from torch.nn import functional
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.view_image import SIDE, ViewImage
 from feasigrasp.models.shape.completion import ROUGH_POINTS, complete_shape
-from feasigrasp.models.shape.hidden_side import TYPICAL_SIZE, features, picture_scale
-from feasigrasp.models.shape.hidden_side_network import (
+from feasigrasp.models.shape.hidden_side import (
     CHANNELS,
     ESTIMATED,
     FEATURES,
     LEAST_SPREAD,
+    TYPICAL_SIZE,
     HiddenSide,
+    features,
+    picture_scale,
 )
 from feasigrasp.runs.results.arguments import add_run_arguments, positive
 from feasigrasp_lab.networks.contact_network import network_arrays
@@ -47,7 +49,7 @@ from feasigrasp_lab.training.loop import (
 
 # The U-Net of the hidden side in torch, to train it.
 #
-# See `feasigrasp.models.shape.hidden_side_network` for what it computes, and for its weights.
+# See `feasigrasp.models.shape.hidden_side` for what it computes, and for its weights.
 
 
 class _Block(nn.Sequential):

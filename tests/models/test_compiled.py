@@ -154,7 +154,7 @@ def test_the_exponential_survives_a_hasty_caller(tmp_path):
     code = """
 import numpy as np
 from numba import njit
-from feasigrasp.models.numerics.simd import exp2_of_minus
+from feasigrasp.models.numerics.fast_math import exp2_of_minus
 
 @njit(fastmath=True)
 def f(r, out):

@@ -7,9 +7,8 @@ import typing
 import pytest
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.faults.fault import Fault
+from feasigrasp.models.faults.fault import Fault, PoseNan
 from feasigrasp.models.faults.images import Outliers
-from feasigrasp.models.faults.pose import PoseNan
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.faults import AnyFault
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario

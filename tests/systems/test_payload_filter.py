@@ -4,8 +4,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.grasps.pad_load import PadLoad
-from feasigrasp.models.shape.mass import MassEstimate
+from feasigrasp.models.grasps.pad_load import MassEstimate, PadLoad
 from feasigrasp.systems.reachability_filter import PayloadFilter
 
 

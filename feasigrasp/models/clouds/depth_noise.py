@@ -33,8 +33,8 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from feasigrasp.errors import CameraError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.choices import key
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.keys import key
 from feasigrasp.models.quantities import ArrayOf, Bound, NotNegative, Positive
 
 

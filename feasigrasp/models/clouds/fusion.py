@@ -18,10 +18,8 @@ from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.edges import Outline
-from feasigrasp.models.clouds.free_space import free_distance
-from feasigrasp.models.clouds.registration import register_view
-from feasigrasp.models.clouds.smoothing import smooth_view
-from feasigrasp.models.clouds.view_image import ViewImage, view_image
+from feasigrasp.models.clouds.smoothing import register_view, smooth_view
+from feasigrasp.models.clouds.view_image import ViewImage, free_distance, view_image
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.quantities import POINT, POINTS, ArrayOf, NotNegative, Positive, Whole

@@ -8,8 +8,8 @@ import numpy as np
 
 from feasigrasp.errors import CameraError
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.choices import key
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.keys import key
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.numerics.simd import wide_vectors
+from feasigrasp.models.numerics.fast_math import wide_vectors
 
 
 def sphere_points(n: int, radius: float) -> Array:

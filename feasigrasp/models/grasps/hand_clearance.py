@@ -20,9 +20,9 @@ from feasigrasp.models.grasps.success_probability import (
     probability,
 )
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf import INVENTED, MARGIN_GROWTH, surface_deviation
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.scene_field import SceneField
-from feasigrasp.models.shape.surface_error import INVENTED, MARGIN_GROWTH, surface_deviation
 
 
 def scene_clear(

@@ -28,8 +28,7 @@ from feasigrasp.models.grasps.non_maximum_suppression import ENOUGH, suppress_no
 from feasigrasp.models.grasps.success_probability import MEAN, odds, probability
 from feasigrasp.models.quantities import ArrayOf, Count, Share
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
-from feasigrasp.models.shape.surface_error import surface_deviation
+from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation, unit_normals
 
 #: Poses X_OG (n, 4, 4), widths (n,) [m], and probabilities of the network (n, 2) of the
 #: contact and of a free hand, NaN where it does not.

@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
-from feasigrasp.models.grasps.pad_load import PadLoad
+from feasigrasp.models.grasps.pad_load import PadLoad, estimate_mass
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.mass import estimate_mass
 
 # What two soft pads can hold: pressure on the patches they touch, and the moment of its friction.
 #

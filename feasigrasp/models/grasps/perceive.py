@@ -11,15 +11,14 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import GraspError, PointCloudError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.clouds.checks import checked_cloud
+from feasigrasp.models.clouds.checks import checked_cloud, outliers
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.outliers import outliers
-from feasigrasp.models.clouds.table import check_no_table
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.payload import PayloadModel, payload_filtered
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler
 from feasigrasp.models.quantities import CLOUD, POINT, Positive, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.segmentation.tabletop import check_no_table
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
 

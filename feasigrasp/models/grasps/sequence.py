@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.choices import key
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.keys import key
 
 #: Where an object will be: its poses (k, 4, 4) so many seconds (k,) from some time on.
 Path = Callable[[ArrayLike], Array]

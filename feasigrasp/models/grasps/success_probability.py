@@ -13,8 +13,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.surface_error import surface_deviation
+from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation
 
 #: Distance from a contact to the surface points round it whose normals count as well [m]: the
 #: completed surface is off by a few millimetres, and beside an edge another face is met.

@@ -1,5 +1,5 @@
 """Inverse kinematics of the arm."""
 
-from feasigrasp.models.ik.closed_form import closed_form
+from feasigrasp.models.ik.self_motion import closed_form
 
 __all__ = ["closed_form"]

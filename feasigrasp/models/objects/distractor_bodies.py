@@ -4,15 +4,110 @@ from __future__ import annotations
 
 from colorsys import hsv_to_rgb
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 import trimesh
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.carriers import WITHDRAWS, CarrierKind, carrier_mesh
 from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
+
+# Meshes of carriers: a hand that holds the object from behind, a belt below it.
+#
+# The frame C of a carrier has its origin in that of the object, O, and at the start the axes of the
+# world W: x leads away from the arm, z up.
+
+#: How far fingers reach over an object at most [m], and over which share of its depth.
+_REACH, _SHARE = 0.03, 0.35
+#: A finger: thickness across the object, width, and how far the palm is behind the object [m].
+_THICK, _WIDE, _CLEAR = 0.014, 0.016, 0.02
+#: The distance between the middles of two fingers side by side [m].
+_BESIDE = 0.022
+#: Palm: thickness, least width, height. Forearm: length, width and height [m].
+_PALM, _FOREARM = (0.03, 0.08, 0.09), (0.30, 0.06, 0.06)
+#: A belt: its length and width, and how thick it is [m].
+_BELT = (0.20, 0.26, 0.01)
+#: A belt starts this far below what is on it [m].
+_GAP = 0.001
+#: Points that stand for a surface.
+_POINTS = 6000
+
+
+class CarrierKind(StrEnum):
+    """Kinds of carriers."""
+
+    NONE = "none"
+    HAND = "hand"
+    BELT = "belt"
+
+
+#: Along which axis of C a carrier draws back when it has let go.
+WITHDRAWS = {
+    CarrierKind.HAND: np.array([1.0, 0.0, 0.0]),
+    CarrierKind.BELT: np.array([0.0, 0.0, -1.0]),
+}
+
+
+def carrier_mesh(kind: CarrierKind, surface_C: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The surface of a carrier in C.
+
+    Args:
+        kind: Which one; not ``none``.
+        surface_C: The object's surface in C.
+    """
+    amid, _ = trimesh.sample.sample_surface(surface_C, _POINTS, seed=0)
+    points = np.concatenate([surface_C.vertices, amid])  # vertices are its ends
+    boxes = _hand(points) if kind is CarrierKind.HAND else _belt(points)
+    mesh = trimesh.Trimesh()
+    for box in boxes:
+        mesh += trimesh.creation.box(bounds=np.array(box))
+    return mesh
+
+
+def _hand(points: Array) -> list[tuple[Array, Array]]:
+    """Thumb, two fingers, palm and forearm as lower and upper corners [m]."""
+    back = points[:, 0].max()
+    tips = back - min(_REACH, _SHARE * np.ptp(points[:, 0]))
+    held = points[points[:, 0] >= tips]
+    height = float(np.median(held[:, 2]))
+    level = held[np.abs(held[:, 2] - height) <= _BESIDE]
+    low, high = level[:, 1].min(), level[:, 1].max()
+    palm_at = back + _CLEAR
+    boxes = [
+        _between((tips, palm_at), (high, high + _THICK), _about(height, _WIDE)),
+        *(
+            _between((tips, palm_at), (low - _THICK, low), _about(height + up, _WIDE))
+            for up in (-_BESIDE / 2, _BESIDE / 2)
+        ),
+    ]
+    middle, width = (low + high) / 2, max(high - low + 2 * _THICK, _PALM[1])
+    boxes.append(
+        _between((palm_at, palm_at + _PALM[0]), _about(middle, width), _about(height, _PALM[2]))
+    )
+    wrist = palm_at + _PALM[0]
+    boxes.append(
+        _between(
+            (wrist, wrist + _FOREARM[0]), _about(middle, _FOREARM[1]), _about(height, _FOREARM[2])
+        )
+    )
+    return boxes
+
+
+def _belt(points: Array) -> list[tuple[Array, Array]]:
+    top = points[:, 2].min() - _GAP
+    return [_between(_about(0.0, _BELT[0]), _about(0.0, _BELT[1]), (top - _BELT[2], top))]
+
+
+def _about(middle: float, size: float) -> tuple[float, float]:
+    return middle - size / 2, middle + size / 2
+
+
+def _between(*sides: tuple[float, float]) -> tuple[Array, Array]:
+    low, high = np.array(sides).T
+    return low, high
+
 
 #: How fast a carrier draws back when it has let go [m/s], and how far [m].
 WITHDRAWAL_SPEED, WITHDRAWAL = 0.3, 0.5

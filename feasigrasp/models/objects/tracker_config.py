@@ -1,9 +1,13 @@
-"""Configuration of the object tracker: motion capture or wrist camera."""
+"""Configuration of the object tracker, and the error model of motion capture."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
-from feasigrasp.models.keys import SEED, key, word
+import numpy as np
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.choices import SEED, key, word
+from feasigrasp.models.geometry import se3
 
 
 class TrackerKind(StrEnum):
@@ -47,3 +51,22 @@ class TrackerConfig:
     jerk: float = key(0.4, 0.0001, 10000.0)
     angular_jerk: float = key(0.3, 0.0001, 10000.0)
     seed: int = key(0, *SEED)
+
+
+def measured_pose(X_WO: Array, time: float, config: TrackerConfig) -> Array | None:
+    """Measurement of a motion-capture system at a time [s]; None for a lost one.
+
+    Args:
+        X_WO: The true pose, shape (4, 4).
+        time: When; the errors depend on it and on the seed only.
+        config: What the system is like.
+    """
+    if max(config.position_noise, config.rotation_noise, config.dropout) == 0.0:
+        return X_WO
+    rng = np.random.default_rng([config.seed, round(time / config.period)])
+    lost = rng.random() < config.dropout
+    noise = rng.standard_normal(6)
+    X = X_WO.copy()
+    X[:3, :3] = se3.so3_exp(config.rotation_noise * noise[:3]) @ X[:3, :3]
+    X[:3, 3] += config.position_noise * noise[3:]
+    return None if lost else X

@@ -10,21 +10,21 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.ik.arm_angle_intervals import Segments, make_segments, segments_kernel
-from feasigrasp.models.ik.closed_form import (
-    inside_limits_kernel,
-    next_nearest_kernel,
-    travel_time_kernel,
-)
-from feasigrasp.models.ik.redundancy_samples import (
+from feasigrasp.models.ik.redundancy import (
     RedundancySamples,
+    Segments,
+    make_segments,
     redundancy_samples_kernel,
+    segments_kernel,
     travel_times_kernel,
 )
 from feasigrasp.models.ik.self_motion import (
     arm_angle_kernel,
     configuration_kernel,
+    inside_limits_kernel,
+    next_nearest_kernel,
     self_motion_kernel,
+    travel_time_kernel,
 )
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import dot, minus, step

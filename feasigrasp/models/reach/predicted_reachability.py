@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
-from feasigrasp.models.grasps.data_association import HYSTERESIS
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
+from feasigrasp.models.grasps.non_maximum_suppression import HYSTERESIS
 from feasigrasp.models.objects.prediction import Motion, future_poses
 from feasigrasp.models.quantities import (
     ANY_POSES,

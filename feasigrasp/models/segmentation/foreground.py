@@ -2,7 +2,7 @@
 
 1. What is known, the robot at its measured joints or the cell that stands still, is not the object
    (`feasigrasp.models.segmentation.modeled_bodies`), nor is what carries it, if that has a known
-   colour (`feasigrasp.models.segmentation.color_gate`).
+   colour (`feasigrasp.models.segmentation.modeled_bodies`).
 2. What is left is cut into components, `components`; pixels that belong to none (those that fly
    between two surfaces, above all) show nothing clear.
 3. With a field of the object, the components are kept that agree with it at the predicted pose.

@@ -9,9 +9,8 @@ nothing shaped.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from enum import StrEnum
 from functools import cached_property
 from typing import Annotated, ClassVar, NamedTuple
 
@@ -24,18 +23,17 @@ from scipy.spatial import cKDTree
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.choices import parse_word
 from feasigrasp.models.clouds.checks import check_fit, checked_cloud
-from feasigrasp.models.clouds.free_space import free_distance, rim_points
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.view_image import ViewImage
+from feasigrasp.models.clouds.view_image import ViewImage, free_distance, rim_points
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.quantities import POINTS, ArrayOf, Count, Positive, Whole
-from feasigrasp.models.shape.covariance import cross_covariance
 from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
-from feasigrasp.models.shape.gpdf_fit import PAPER, FitSettings, fit_field, fit_gpdf
-from feasigrasp.models.shape.hidden_side import BackSurface
-from feasigrasp.models.shape.hidden_side_network import HiddenSide, load_hidden_side
+from feasigrasp.models.shape.gpdf_fit import fit_field
+from feasigrasp.models.shape.hidden_side import BackSurface, HiddenSide, load_hidden_side
+from feasigrasp.models.shape.node_sums import cross_covariance
+from feasigrasp.plugins import load_plugin, plugins
 
 # Nodes of the distance field on the unobserved side of an object, where it is estimated.
 #
@@ -136,11 +134,13 @@ _FARTHER_BEHIND = 2.0
 _CLEARANCE = 5e-3
 
 
-class Preset(StrEnum):
-    """Presets of the field: ours, or that of the paper."""
+#: The field of this package.
+DEFAULT = "default"
 
-    DEFAULT = "default"
-    PAPER = "paper"
+
+def field_names() -> list[str]:
+    """Valid values of ``perception.preset``, plugins included."""
+    return [DEFAULT, *plugins("fields")]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -209,7 +209,7 @@ class CompletedField(Gpdf):
 def complete_shape(
     cloud: FusedCloud,
     *,
-    preset: str = "default",
+    preset: str = DEFAULT,
     length_scale: Positive = 0.3,
     noise_variance: Positive | None = None,
     max_points: Count = 512,
@@ -218,11 +218,10 @@ def complete_shape(
     """Fits the distance field to the merged views of an object.
 
     Args:
-        cloud: The views. For the default preset they must be smoothed (``FusedCloud.smooth``).
-        preset: A `Preset`; that of the paper has no values beside the points and no free space.
+        cloud: The views, smoothed (``FusedCloud.smooth``) for the default preset.
+        preset: One of `field_names`.
         length_scale: l of the kernel [m].
-        noise_variance: s2 of the occupancy observations; by default the paper's 0.0025, or 0.001
-            for smoothed views.
+        noise_variance: s2 of the occupancy observations; by default 0.001, for smoothed views.
         max_points: Surface points that the field is fitted to, by farthest-point selection.
         learnt: Whether nodes are put where a network expects the hidden side (default preset only).
 
@@ -232,11 +231,10 @@ def complete_shape(
     Raises:
         PointCloudError: If there are too few points, or a parameter is out of range.
     """
-    if parse_choice(Preset, preset, "preset", PointCloudError) is Preset.PAPER:
-        settings: FitSettings = {**PAPER, "length_scale": length_scale}
-        if noise_variance is not None:
-            settings["noise_variance"] = noise_variance
-        return fit_gpdf(cloud.points, viewpoint=cloud.directions, max_points=max_points, **settings)
+    if parse_word(field_names(), preset, "preset", PointCloudError) != DEFAULT:
+        fit: Callable[..., Gpdf] = load_plugin("fields", preset)
+        options = {"length_scale": length_scale, "noise_variance": noise_variance}
+        return fit(cloud, max_points=max_points, **options)
     if not cloud.smooth:
         raise PointCloudError(
             "the cloud is not smoothed; merge its views into FusedCloud.empty(..., smooth=True)"

@@ -13,7 +13,7 @@ inside has the wrong sign for a single view. ``surface_offset=None`` gives the p
 
 from __future__ import annotations
 
-from typing import Annotated, TypedDict
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,9 +26,8 @@ from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.clouds.checks import check_fit, checked_cloud, directions_to_camera
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.quantities import CLOUD, VIEW, Count, Positive
-from feasigrasp.models.shape.covariance import gram_lower
 from feasigrasp.models.shape.gpdf import Gpdf as Gpdf
-from feasigrasp.models.shape.node_sums import LOG2_E, MAX_NODE_RADIUS
+from feasigrasp.models.shape.node_sums import LOG2_E, MAX_NODE_RADIUS, gram_lower
 
 #: Above this many points the cloud is thinned evenly before farthest-point selection.
 _MAX_CANDIDATES = 2048
@@ -38,24 +37,6 @@ _NEIGHBOURS = 20
 _LEAST_COSINE = 0.15
 #: One in so many of the chosen points is one that sticks out: the corners.
 _OUTWARD = 8
-
-
-class FitSettings(TypedDict):
-    """Keyword arguments of ``fit_gpdf`` that make a preset."""
-
-    length_scale: float
-    noise_variance: float
-    surface_offset: float | None
-    damped: bool
-
-
-#: The paper's field: ``fit_gpdf(cloud, **PAPER)``.
-PAPER: FitSettings = {
-    "length_scale": 0.3,
-    "noise_variance": 0.0025,
-    "surface_offset": None,
-    "damped": False,
-}
 
 
 @checked(PointCloudError)

@@ -9,7 +9,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.numerics.simd import wide_vectors
+from feasigrasp.models.numerics.fast_math import wide_vectors
 from feasigrasp.models.shape.node_sums import make_workspace, value_and_gradient_at, value_at
 
 #: Floor on |grad d| in the damped Newton step.

@@ -15,9 +15,8 @@ from feasigrasp.models.clouds.observed_space import SCENE_VOXEL
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.geometry.points import nearest_distance
-from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.shape.gpdf import INVENTED, MARGIN_GROWTH, Gpdf, surface_deviation
 from feasigrasp.models.shape.scene_field import SceneField
-from feasigrasp.models.shape.surface_error import INVENTED, MARGIN_GROWTH, surface_deviation
 
 #: The box of what the arm with a hand reaches, in the frame of its base: lowest corner and size
 #: [m]. 1.2 m about the shoulder, which is 0.34 m high, and 0.2 m below the base.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.clouds.view_record import ViewRecord
+from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.tracking.registration import Registration
 from feasigrasp.models.tracking.view import ObjectView
 

@@ -11,8 +11,7 @@ import numpy as np
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.usable import ViewFault, usable_points
-from feasigrasp.models.clouds.view_record import ViewRecord
+from feasigrasp.models.clouds.usable import ViewFault, ViewRecord, usable_points
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.tracking.keyframe import Keyframe

@@ -19,15 +19,13 @@ import numpy as np
 
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.clouds.view_record import ViewRecord
+from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel, parts
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 from feasigrasp.models.objects.tracking import COASTING_AFTER, TrackingState
 from feasigrasp.models.quantities import UNKNOWN_POSE, ArrayOf, Bound, Instant, Share
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.tracking.acceptance import is_accepted, is_found, shows_model
-from feasigrasp.models.tracking.information import surface_deviation
 from feasigrasp.models.tracking.keyframe import (
     KEY_PERIOD,
     Keyframe,
@@ -36,13 +34,19 @@ from feasigrasp.models.tracking.keyframe import (
     is_worth_merging,
     keyframe_of,
 )
-from feasigrasp.models.tracking.model import TrackedModel
+from feasigrasp.models.tracking.model import TrackedModel, surface_deviation
 from feasigrasp.models.tracking.reacquisition import (
     ANY_ORIENTATION_SPREAD,
     SEARCH_SPREAD,
     reacquire,
 )
-from feasigrasp.models.tracking.registration import Registration, register
+from feasigrasp.models.tracking.registration import (
+    Registration,
+    is_accepted,
+    is_found,
+    register,
+    shows_model,
+)
 from feasigrasp.models.tracking.twist_filter import TwistFilter, jerk_of, moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
 

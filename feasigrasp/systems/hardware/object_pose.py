@@ -10,8 +10,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.motion_capture import measured_pose
-from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.objects.tracker_config import TrackerConfig, measured_pose
 from feasigrasp.systems.hardware.channels import POSE_NAMES
 from feasigrasp.systems.ports import declare_input, declare_output, weakly
 

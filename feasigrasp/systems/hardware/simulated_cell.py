@@ -42,8 +42,7 @@ from feasigrasp.models.grasps.sequence import (
     has_closed,
     pressing_since,
 )
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.grippers import load_gripper
+from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.sampling import make_hand_eye
 from feasigrasp.scenario.schema import Scenario, Segmentation

@@ -37,8 +37,7 @@ from pydrake.systems.sensors import CameraConfig, PixelType
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.grippers import load_gripper
+from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.scenario.schema import Scenario

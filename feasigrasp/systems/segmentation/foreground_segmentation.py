@@ -14,9 +14,13 @@ from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.segmentation.camera_view import CameraView
-from feasigrasp.models.segmentation.color_gate import in_color_gate
 from feasigrasp.models.segmentation.foreground import Known, segment
-from feasigrasp.models.segmentation.modeled_bodies import CARRIER, FREE, ModeledBodies
+from feasigrasp.models.segmentation.modeled_bodies import (
+    CARRIER,
+    FREE,
+    ModeledBodies,
+    in_color_gate,
+)
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.ports import declare_input, declare_output, evaluate, to_value, weakly
 

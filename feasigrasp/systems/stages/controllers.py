@@ -9,10 +9,9 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.choices import parse_word
+from feasigrasp.models.choices import ControlSpace, controller_names, parse_word
 from feasigrasp.models.control.joint.law import JointControlOptions
 from feasigrasp.models.control.joint.options import SolutionOptions
-from feasigrasp.models.control.mode import ControlSpace, controller_names
 from feasigrasp.models.control.planning.cost_weights import CostWeights
 from feasigrasp.models.control.planning.static_grid import static_grid
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
@@ -24,7 +23,7 @@ from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
 from feasigrasp.models.reach.predicted_reachability import WAY_IN, Judge
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
-from feasigrasp.models.robot.grippers import load_gripper
+from feasigrasp.models.robot.gripper import load_gripper
 from feasigrasp.plugins import load_plugin
 from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.sampling import (

@@ -16,10 +16,14 @@ from pydrake.systems.sensors import ImageLabel16I
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.faults.control import CommandFault, PerceptionLate, SolverFailure
-from feasigrasp.models.faults.fault import Fault
+from feasigrasp.models.faults.fault import (
+    CommandFault,
+    Fault,
+    PerceptionLate,
+    PoseFault,
+    SolverFailure,
+)
 from feasigrasp.models.faults.images import CloudFault, MaskFault, View
-from feasigrasp.models.faults.pose import PoseFault
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import Scenario

@@ -19,8 +19,7 @@ from pydrake.multibody.parsing import (
 )
 
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.grippers import PACKAGED, load_gripper
+from feasigrasp.models.robot.gripper import PACKAGED, ParallelGripper, load_gripper
 from feasigrasp.models.robot.hand_model import camera_pose, hand_files
 from feasigrasp.resources import model_path
 from feasigrasp.scenario.sampling import make_static_obstacles

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.shape.completion import Preset
+from feasigrasp.models.shape.completion import DEFAULT
 from feasigrasp.models.shape.grids import object_grid
 from feasigrasp.models.tracking.keyframe import Keyframe
 from feasigrasp.models.tracking.sequence import LearntShape
@@ -41,7 +41,7 @@ class KeyframesToGPDF(LeafSystem):
         self,
         period: float,
         *,
-        preset: str = Preset.DEFAULT,
+        preset: str = DEFAULT,
         max_points: int = PerceptionConfig.max_points,
         length_scale: float = PerceptionConfig.length_scale,
         voxel_size: float = PerceptionConfig.voxel_size,
@@ -52,7 +52,7 @@ class KeyframesToGPDF(LeafSystem):
 
         Args:
             period: Time between looks [s].
-            preset: ``default`` or ``paper``, see `complete_shape`.
+            preset: Which field, see `complete_shape`.
             max_points: Surface points that the field is fitted to.
             length_scale: Length scale of the field's kernel [m].
             voxel_size: Resolution at which keyframes are merged [m].
@@ -67,7 +67,7 @@ class KeyframesToGPDF(LeafSystem):
             "length_scale": length_scale,
             "learnt": hidden_side,
         }
-        nothing = LearntShape(FusedCloud.empty(voxel_size, smooth=preset == Preset.DEFAULT))
+        nothing = LearntShape(FusedCloud.empty(voxel_size, smooth=preset == DEFAULT))
         cap = sphere_points(400, 0.03)
         seen = Keyframe(cap[cap[:, 2] > 0.0], np.array([0.0, 0.0, 0.5]), 0.0)
         compiled = nothing.merged(seen, **self._options).gpdf  # before the first tick

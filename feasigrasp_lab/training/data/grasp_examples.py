@@ -26,8 +26,7 @@ from feasigrasp.models.grasps.network.surface_input import (
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.completion import complete_shape
-from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.surface_error import predicted_deviation
+from feasigrasp.models.shape.gpdf import Gpdf, predicted_deviation
 from feasigrasp_lab.training.data.grasp_labels import PointLabels, best_labels, find_pairs
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.numerics.simd import wide_vectors
+from feasigrasp.models.numerics.fast_math import wide_vectors
 from feasigrasp_lab.paper.float32_kernels import (
     BLOCK,
     FASTMATH,

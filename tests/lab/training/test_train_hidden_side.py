@@ -8,7 +8,7 @@ import pytest
 from feasigrasp.cli import main
 from feasigrasp.models.clouds.view_image import view_image
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.models.shape.hidden_side_network import HiddenSide
+from feasigrasp.models.shape.hidden_side import HiddenSide
 from feasigrasp_lab.training.data.views import ViewedObject
 from feasigrasp_lab.training.train_hidden_side import true_thickness
 

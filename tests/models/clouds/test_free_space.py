@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.clouds.edges import Outline
-from feasigrasp.models.clouds.free_space import free_distance, rim_points
-from feasigrasp.models.clouds.view_image import SIDE, view_image
+from feasigrasp.models.clouds.view_image import SIDE, free_distance, rim_points, view_image
 from feasigrasp.models.geometry import se3
 
 RADIUS = 0.04

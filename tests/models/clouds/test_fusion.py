@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.clouds.edges import Outline
-from feasigrasp.models.clouds.free_space import free_distance
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.registration import register_view
+from feasigrasp.models.clouds.smoothing import register_view
+from feasigrasp.models.clouds.view_image import free_distance
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.clouds.outliers import outliers
-from feasigrasp.models.clouds.table import check_no_table
+from feasigrasp.models.clouds.checks import outliers
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.segmentation.tabletop import check_no_table
 from feasigrasp_lab.measures.shape import measure, true_samples
 from feasigrasp_lab.training.data.views import ViewedObject, turning_views
 

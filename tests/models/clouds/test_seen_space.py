@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.clouds.depth_view import DepthView
-from feasigrasp.models.clouds.observed_space import BEHIND, BESIDE, ObservedSpace
+from feasigrasp.models.clouds.observed_space import BEHIND, BESIDE, DepthView, ObservedSpace
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 110.0
 LOW, SIZE = np.array([-0.8, -0.8, -0.2]), np.array([1.6, 1.6, 1.4])

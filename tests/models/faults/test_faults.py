@@ -7,7 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.faults.control import CommandNan, CommandWild
+from feasigrasp.models.faults.fault import (
+    CommandNan,
+    CommandWild,
+    PoseFrozen,
+    PoseJump,
+    PoseLate,
+    PoseNan,
+)
 from feasigrasp.models.faults.images import (
     CameraBlack,
     CameraGone,
@@ -21,7 +28,6 @@ from feasigrasp.models.faults.images import (
     View,
 )
 from feasigrasp.models.faults.object import ObjectMoved, ObjectPace, altered
-from feasigrasp.models.faults.pose import PoseFrozen, PoseJump, PoseLate, PoseNan
 from feasigrasp.models.objects.motion import HarmonicMotion
 
 RNG_SEED = 3

@@ -5,17 +5,15 @@ import pytest
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
-from feasigrasp.models.grasps.data_association import (
-    HYSTERESIS,
-    GraspHistory,
-    associate_grasps,
-    recheck_grasps,
-)
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.non_maximum_suppression import (
+    HYSTERESIS,
     SAME_ANGLE,
     SAME_POSITION,
+    GraspHistory,
+    associate_grasps,
     grasp_distance,
+    recheck_grasps,
 )
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf

@@ -5,8 +5,13 @@ import pytest
 from scipy.optimize import brentq
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.grasps.pad_load import GRAVITY, GRIP_SPREAD, HAND_ACCELERATION, PadLoad
-from feasigrasp.models.shape.mass import MassEstimate
+from feasigrasp.models.grasps.pad_load import (
+    GRAVITY,
+    GRIP_SPREAD,
+    HAND_ACCELERATION,
+    MassEstimate,
+    PadLoad,
+)
 
 #: Nothing but friction about the closing line can give way.
 TORSION = (0.4, np.inf, np.inf)

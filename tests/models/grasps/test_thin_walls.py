@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.grasps.data_association import recheck_grasps
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
+from feasigrasp.models.grasps.non_maximum_suppression import recheck_grasps
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.completion import complete_shape

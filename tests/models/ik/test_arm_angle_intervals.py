@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.ik.arm_angle_intervals import make_segments, segments_kernel
-from feasigrasp.models.ik.closed_form import arm_angle, closed_form
-from feasigrasp.models.ik.self_motion import self_motion_kernel
+from feasigrasp.models.ik.redundancy import make_segments, segments_kernel
+from feasigrasp.models.ik.self_motion import arm_angle, closed_form, self_motion_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 

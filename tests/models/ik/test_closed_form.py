@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.ik.closed_form import (
+from feasigrasp.models.ik.redundancy import redundancy_samples_kernel, travel_times_kernel
+from feasigrasp.models.ik.self_motion import (
     arm_angle,
     closed_form,
     inside_limits_kernel,
     next_nearest_kernel,
+    self_motion_kernel,
     travel_time_kernel,
 )
-from feasigrasp.models.ik.redundancy_samples import redundancy_samples_kernel, travel_times_kernel
-from feasigrasp.models.ik.self_motion import self_motion_kernel
 from feasigrasp.models.numerics.fast_math import fast_atan2
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.bezier_motion import ACCELERATION, BezierMotion, bezier_legs
+from feasigrasp.models.objects.motion import ACCELERATION, BezierMotion, bezier_legs
 
 CENTER, SIZE = np.array([0.5, 0.0, 0.55]), np.array([0.2, 0.36, 0.16])
 TIMES = np.linspace(0.0, 40.0, 4001)

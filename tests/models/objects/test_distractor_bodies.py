@@ -6,8 +6,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from feasigrasp.models.objects.carriers import CarrierKind
-from feasigrasp.models.objects.distractor_bodies import WITHDRAWAL, Carrier, Distractor
+from feasigrasp.models.objects.distractor_bodies import WITHDRAWAL, Carrier, CarrierKind, Distractor
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 

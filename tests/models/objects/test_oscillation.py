@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.objects.oscillation import STILL, oscillation_kernel, shape_kernel
 from feasigrasp.models.objects.pose_filter import PATH_LENGTH, PATH_STEP
+from feasigrasp.models.objects.prediction import STILL, oscillation_kernel, shape_kernel
 
 #: Times of the points, the newest first.
 T = -PATH_STEP * np.arange(PATH_LENGTH)

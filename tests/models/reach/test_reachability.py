@@ -7,7 +7,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.ik.closed_form import arm_angle, closed_form
+from feasigrasp.models.ik.self_motion import arm_angle, closed_form
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics

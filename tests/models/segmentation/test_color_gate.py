@@ -5,7 +5,7 @@ import colorsys
 import numpy as np
 import pytest
 
-from feasigrasp.models.segmentation.color_gate import in_color_gate
+from feasigrasp.models.segmentation.modeled_bodies import in_color_gate
 
 
 def image(*colors):

@@ -8,11 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.geometry.points import farthest_points
-from feasigrasp.models.numerics.simd import MAX_EXPONENT, exp2_of_minus, rough_inverse_sqrt
+from feasigrasp.models.numerics.fast_math import MAX_EXPONENT, exp2_of_minus, rough_inverse_sqrt
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import checked_queries
-from feasigrasp.models.shape.gpdf_fit import PAPER, fit_field, fit_gpdf
+from feasigrasp.models.shape.gpdf_fit import fit_field, fit_gpdf
 from feasigrasp.models.shape.node_sums import MIN_OCCUPANCY, TILE
+from feasigrasp_lab.paper.field import PAPER
 
 LENGTH_SCALE = 0.15
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.arrays import record
-from feasigrasp.models.control.safety.clearance_rows import Body, rows_kernel
+from feasigrasp.models.control.safety.problem import Body, rows_kernel
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model

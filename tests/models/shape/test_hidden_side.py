@@ -18,12 +18,13 @@ from feasigrasp.models.shape.completion import (
     hidden_nodes,
 )
 from feasigrasp.models.shape.hidden_side import (
+    FEATURES,
     BackSurface,
+    HiddenSide,
     estimated_thickness,
     features,
     picture_scale,
 )
-from feasigrasp.models.shape.hidden_side_network import FEATURES, HiddenSide
 from feasigrasp.models.weights_file import WEIGHTS, WeightsError
 from feasigrasp_lab.training.train_hidden_side import HiddenSideNetwork, export
 

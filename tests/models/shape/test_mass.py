@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from feasigrasp.models.objects.rigid_object import load_objects
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.models.shape.mass import (
+from feasigrasp.models.grasps.pad_load import (
     MASS_SPREAD,
     TYPICAL_MASS,
     TYPICAL_VOLUME,
     estimate_mass,
 )
+from feasigrasp.models.objects.rigid_object import load_objects
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.resources import model_path
 
 

@@ -5,14 +5,17 @@ import pytest
 import trimesh
 
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.view_record import ViewRecord
+from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.shape.completion import complete_shape
-from feasigrasp.models.tracking.acceptance import is_accepted, is_found, shows_model
-from feasigrasp.models.tracking.information import jacobian, surface_deviation, without_noise
 from feasigrasp.models.tracking.keyframe import is_worth_merging, keyframe_of
-from feasigrasp.models.tracking.model import TrackedModel
-from feasigrasp.models.tracking.registration import register
+from feasigrasp.models.tracking.model import (
+    TrackedModel,
+    jacobian,
+    surface_deviation,
+    without_noise,
+)
+from feasigrasp.models.tracking.registration import is_accepted, is_found, register, shows_model
 from feasigrasp.models.tracking.twist_filter import moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp_lab.training.data.raycasting import Raycaster

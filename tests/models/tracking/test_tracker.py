@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from feasigrasp.models.clouds.view_record import ViewRecord
+from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracking import TrackingState

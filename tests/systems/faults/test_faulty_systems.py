@@ -12,13 +12,16 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.sensors import ImageLabel16I
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.faults.control import (
+from feasigrasp.models.faults.fault import (
     CommandNan,
     CommandWild,
     PerceptionLate,
+    PoseFrozen,
+    PoseJump,
+    PoseLate,
+    PoseNan,
 )
 from feasigrasp.models.faults.images import CameraGone, MaskShifted, OnePlane, Outliers
-from feasigrasp.models.faults.pose import PoseFrozen, PoseJump, PoseLate, PoseNan
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario

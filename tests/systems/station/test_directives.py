@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError, ScenarioError
-from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
-from feasigrasp.models.robot.grippers import GRIPPERS, PACKAGED, load_gripper
+from feasigrasp.models.robot.gripper import (
+    GRIPPERS,
+    PACKAGED,
+    WSG_50,
+    ParallelGripper,
+    load_gripper,
+)
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.metrics.reference_robot import reference_robot
 from feasigrasp.scenario import load_scenario

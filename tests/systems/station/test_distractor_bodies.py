@@ -5,8 +5,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from feasigrasp.models.objects.carriers import CarrierKind
-from feasigrasp.models.objects.distractor_bodies import Carrier
+from feasigrasp.models.objects.distractor_bodies import Carrier, CarrierKind
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object, make_motion

@@ -20,7 +20,7 @@ from feasigrasp.models.control.planning.continuation import (
     solve_kernel,
 )
 from feasigrasp.models.grasps.approach_corridor import standoff_kernel
-from feasigrasp.models.ik.closed_form import inside_limits_kernel
+from feasigrasp.models.ik.self_motion import inside_limits_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Solutions that count less than this are not fed forward.

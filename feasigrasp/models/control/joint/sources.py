@@ -12,10 +12,10 @@ import numpy as np
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.planning.cost_weights import CostWeights, running_cost_kernel
-from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.ik.self_motion import (
     arm_angle_kernel,
     configuration_kernel,
+    inside_limits_kernel,
     self_motion_kernel,
 )
 from feasigrasp.models.numerics.fast_math import fast_sincos

@@ -14,7 +14,7 @@ from feasigrasp.models.control.planning.candidate_graph import CandidateGraph
 from feasigrasp.models.control.planning.continuation import stand_behind_kernel
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, standoff_kernel
-from feasigrasp.models.ik.closed_form import travel_time_kernel
+from feasigrasp.models.ik.self_motion import travel_time_kernel
 from feasigrasp.models.reach.kernels import Search
 from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7

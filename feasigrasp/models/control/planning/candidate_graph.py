@@ -17,9 +17,13 @@ from feasigrasp.models.control.planning.cost_weights import (
     running_cost_kernel,
     terminal_cost_kernel,
 )
-from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
-from feasigrasp.models.ik.redundancy_samples import redundancy_samples_kernel, travel_times_kernel
-from feasigrasp.models.ik.self_motion import configuration_kernel, self_motion_kernel
+from feasigrasp.models.ik.redundancy import redundancy_samples_kernel, travel_times_kernel
+from feasigrasp.models.ik.self_motion import (
+    configuration_kernel,
+    inside_limits_kernel,
+    self_motion_kernel,
+    travel_time_kernel,
+)
 from feasigrasp.models.reach.kernels import REACHABLE, hand_verdict_kernel
 from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7

@@ -9,8 +9,11 @@ as object and arm angle do.
 from __future__ import annotations
 
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.ik.closed_form import inside_limits_kernel
-from feasigrasp.models.ik.self_motion import configuration_kernel, self_motion_kernel
+from feasigrasp.models.ik.self_motion import (
+    configuration_kernel,
+    inside_limits_kernel,
+    self_motion_kernel,
+)
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.robot.iiwa import IIWA_7
 

@@ -41,7 +41,7 @@ from feasigrasp.models.control.planning.cost_weights import CostWeights, instant
 from feasigrasp.models.control.planning.predicted_poses import PredictionModel
 from feasigrasp.models.control.task.target import neighbours
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, grasp_errors
-from feasigrasp.models.ik.closed_form import arm_angle
+from feasigrasp.models.ik.self_motion import arm_angle
 from feasigrasp.models.reach.reachability import Reachability
 
 #: A grasp this close to the chosen one is taken for it when grasps are sampled anew [m, rad].

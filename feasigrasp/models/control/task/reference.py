@@ -23,8 +23,11 @@ from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.control.task.target import target_kernel
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.approach_corridor import standoff_kernel
-from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
-from feasigrasp.models.ik.self_motion import arm_angle_kernel
+from feasigrasp.models.ik.self_motion import (
+    arm_angle_kernel,
+    inside_limits_kernel,
+    travel_time_kernel,
+)
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel

@@ -10,7 +10,7 @@ import numpy as np
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.grasps.network.contact_features import LENGTH_SCALE
 from feasigrasp.models.grasps.network.surroundings import ROOM
-from feasigrasp.models.numerics.simd import wide_vectors
+from feasigrasp.models.numerics.fast_math import wide_vectors
 
 #: Widths that a grasp may have, and the narrowest one [m].
 WIDTHS, NARROWEST = 2, 1e-3

@@ -22,15 +22,198 @@ prove it to rounding.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from feasigrasp.models.arrays import Floats
-from feasigrasp.models.grasps.network.surroundings_kernels import (
-    HandSizes,
-    neighbourhood_kernel,
-    room_kernel,
-)
+from feasigrasp.models.compiled import compiled
+from feasigrasp.models.numerics.fast_math import wide_vectors
 from feasigrasp.models.robot.gripper import ParallelGripper
+
+
+class HandSizes(NamedTuple):
+    """Boxes of the open hand in its grasp frame, for `room_kernel` [m].
+
+    Attributes:
+        finger_x: From the middle to the middle of a finger, along the closing axis.
+        finger_half_x: Half the size of a finger along it; the others likewise.
+        finger_z: Of the middle of a finger, along the approach; it is symmetric in y.
+        heel: Where the palm ends.
+        camera_y: Of the middle of the camera.
+        camera_top: Where it ends, in z.
+        clearance: Between the pads and a contact: points nearer than this are not in the way.
+    """
+
+    finger_x: float
+    finger_half_x: float
+    finger_half_y: float
+    finger_z: float
+    finger_half_z: float
+    palm_half_x: float
+    palm_half_y: float
+    heel: float
+    camera_half_x: float
+    camera_y: float
+    camera_half_y: float
+    camera_top: float
+    clearance: float
+
+
+class Profile(NamedTuple):
+    """The cloud across a closing axis, and its distances along the axis from the hand's parts."""
+
+    p: Floats
+    q: Floats
+    finger: Floats
+    way: Floats
+    palm: Floats
+    camera: Floats
+
+
+@compiled(nogil=True, fastmath=True)
+def neighbourhood_kernel(centers, facing, cloud, radii, axis, means):
+    """Writes `neighbourhoods` (n, r, 8); the cloud (7, c) is sorted along an axis."""
+    wide_vectors()
+    one, zero = cloud.dtype.type(1.0), cloud.dtype.type(0.0)
+    for i in range(len(centers)):
+        p, n = centers[i], facing[i]
+        for s in range(len(radii)):
+            mean, radius = means[i, s], radii[s]
+            inverse = one / (radius * radius)
+            start = np.searchsorted(cloud[axis], p[axis] - radius)
+            stop = np.searchsorted(cloud[axis], p[axis] + radius)
+            _neighbourhood(
+                p[0], p[1], p[2], n[0], n[1], n[2], cloud, start, stop, inverse, one, zero, mean
+            )
+            if mean[0] > zero:
+                share = one / mean[0]
+                for c in range(1, 8):
+                    mean[c] *= share
+                for c in range(4, 7):
+                    mean[c] /= radius
+
+
+@compiled(forceinline=True, fastmath=True)
+def _neighbourhood(x, y, z, u, v, w, cloud, start, stop, inverse, one, zero, out):
+    wide_vectors()
+    xs, ys, zs = cloud[0, start:stop], cloud[1, start:stop], cloud[2, start:stop]
+    us, vs, ws = cloud[3, start:stop], cloud[4, start:stop], cloud[5, start:stop]
+    confidence = cloud[6, start:stop]
+    total, su, sv, sw, sx, sy, sz, sq = zero, zero, zero, zero, zero, zero, zero, zero
+    for j in range(len(xs)):
+        a, b, c = xs[j] - x, ys[j] - y, zs[j] - z
+        near = max(one - (a * a + b * b + c * c) * inverse, zero)
+        weight = near * near * max(u * us[j] + v * vs[j] + w * ws[j], zero)
+        total += weight
+        su += weight * us[j]
+        sv += weight * vs[j]
+        sw += weight * ws[j]
+        sx += weight * a
+        sy += weight * b
+        sz += weight * c
+        sq += weight * confidence[j]
+    out[0], out[1], out[2], out[3] = total, su, sv, sw
+    out[4], out[5], out[6], out[7] = sx, sy, sz, sq
+
+
+@compiled(nogil=True, fastmath=True)
+def room_kernel(
+    points, axes, across, half_widths, cloud, confidence, turns, hand, reach, share, room
+):
+    """Writes `hand_room` (ROOM, K, n)."""
+    wide_vectors()
+    sums = np.empty((len(turns), room.shape[0]), dtype=points.dtype)
+    rows = np.empty((6, cloud.shape[1]), dtype=points.dtype)
+    profile = Profile(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5])
+    opposite = len(turns) // 2
+    for i in range(len(points)):
+        b, u, half = axes[i], across[i], half_widths[i]
+        v = (b[1] * u[2] - b[2] * u[1], b[2] * u[0] - b[0] * u[2], b[0] * u[1] - b[1] * u[0])
+        x, y, z = points[i, 0] + half * b[0], points[i, 1] + half * b[1], points[i, 2] + half * b[2]
+        u, b = (u[0], u[1], u[2]), (b[0], b[1], b[2])
+        _project(x, y, z, b, u, v, half, cloud, hand, profile)
+        for k in range(opposite):
+            cos, sin = turns[k, 0], turns[k, 1]
+            _directions(cos, sin, profile, confidence, hand, reach, sums[k], sums[k + opposite])
+        for f in range(room.shape[0]):
+            for k in range(len(turns)):
+                room[f, k, i] = np.sqrt(np.sqrt(sums[k, f] * share))
+
+
+@compiled(forceinline=True, fastmath=True)
+def _project(x, y, z, b, u, v, half, cloud, hand, profile):
+    """Writes the profile of the cloud (3, c) about the axis b through (x, y, z)."""
+    wide_vectors()
+    xs, ys, zs = cloud[0], cloud[1], cloud[2]
+    p, q, finger, way, palm, camera = profile
+    b0, b1, b2 = b
+    u0, u1, u2 = u
+    v0, v1, v2 = v
+    inner, outer = half + hand.clearance, hand.finger_x + hand.finger_half_x
+    for j in range(len(xs)):
+        a, b, c = xs[j] - x, ys[j] - y, zs[j] - z
+        h = abs(a * b0 + b * b1 + c * b2)
+        p[j] = a * u0 + b * u1 + c * u2
+        q[j] = a * v0 + b * v1 + c * v2
+        finger[j] = abs(h - hand.finger_x) - hand.finger_half_x
+        way[j] = max(inner - h, h - outer)
+        palm[j] = h - hand.palm_half_x
+        camera[j] = h - hand.camera_half_x
+
+
+@compiled(forceinline=True, fastmath=True)
+def _directions(cos, sin, profile, confidence, hand, reach, out, opposite):
+    """Sums of the fourth powers for an approach direction and its opposite.
+
+    z lies along the approach and y across; for the opposite one both change sign.
+    """
+    wide_vectors()
+    p, q, finger, way, palm, camera = profile
+    zero = reach - reach
+    a0, a1, a2, a3, a4, a5, a6 = zero, zero, zero, zero, zero, zero, zero
+    b0, b1, b2, b3, b4, b5, b6 = zero, zero, zero, zero, zero, zero, zero
+    for j in range(len(confidence)):
+        z = cos * p[j] + sin * q[j]
+        y = sin * p[j] - cos * q[j]
+        beside = abs(y)
+        finger_y, palm_xy = beside - hand.finger_half_y, max(palm[j], beside - hand.palm_half_y)
+        left = max(camera[j], abs(y - hand.camera_y) - hand.camera_half_y)
+        right = max(camera[j], abs(y + hand.camera_y) - hand.camera_half_y)
+
+        shape = (finger[j], finger_y, way[j], palm_xy, left, right)
+        f, p4, w, l4, r4 = _one_way(z, shape, hand, reach, zero)
+        a0, a1, a2, a3 = a0 + f, a1 + f * confidence[j], a2 + p4, a3 + p4 * confidence[j]
+        a4, a5, a6 = a4 + w, a5 + l4, a6 + r4
+        f, p4, w, l4, r4 = _one_way(-z, shape, hand, reach, zero)
+        b0, b1, b2, b3 = b0 + f, b1 + f * confidence[j], b2 + p4, b3 + p4 * confidence[j]
+        b4, b5, b6 = b4 + w, b5 + l4, b6 + r4
+    out[0], out[1], out[2], out[3], out[4], out[5] = a0, a1, a2, a3, a4, min(a5, a6)
+    opposite[0], opposite[1], opposite[2] = b0, b1, b2
+    opposite[3], opposite[4], opposite[5] = b3, b4, min(b5, b6)
+
+
+@compiled(forceinline=True, fastmath=True)
+def _one_way(z, across, hand, reach, zero):
+    """Fourth powers of how deep a point is in fingers, palm, their way, and cameras either side."""
+    finger, finger_y, way, palm, left, right = across
+    fingers = max(finger_y, abs(z - hand.finger_z) - hand.finger_half_z)
+    above_camera = z - hand.camera_top
+    return (
+        _fourth_power(reach - max(finger, fingers), zero),
+        _fourth_power(reach - max(palm, z - hand.heel), zero),
+        _fourth_power(reach - max(way, fingers), zero),
+        _fourth_power(reach - max(left, above_camera), zero),
+        _fourth_power(reach - max(right, above_camera), zero),
+    )
+
+
+@compiled(forceinline=True, fastmath=True)
+def _fourth_power(d, zero):
+    d = max(d, zero)
+    d *= d
+    return d * d
+
 
 #: Points farther than this from a box of the hand do not count [m].
 REACH = 0.025

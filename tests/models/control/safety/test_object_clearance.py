@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import record
-from feasigrasp.models.control.safety.clearance_rows import (
+from feasigrasp.models.control.safety.problem import (
     MOST_OBJECT_ROWS,
     object_rows_kernel,
 )

@@ -11,7 +11,7 @@ from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_veloc
 from feasigrasp.models.control.task.reference import candidate_reference
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.ik.closed_form import arm_angle, closed_form
+from feasigrasp.models.ik.self_motion import arm_angle, closed_form
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
