@@ -5,7 +5,6 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import open3d as o3d
 import trimesh
 
 from feasigrasp.models.clouds import FusedCloud
@@ -15,18 +14,18 @@ from feasigrasp.models.shape import complete_shape
 picture = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples/01_complete_a_cloud.png")
 figure, axes = plt.subplots(1, 2, figsize=(9, 3.8))
 
-# Points all over the bottle, in the object's frame O, and where cameras are that see part of them.
+# Points all over the bottle, in the object's frame O, and cameras that see the sides facing them.
 # Your own clouds are read with `feasigrasp.models.clouds.read_cloud`.
 mesh = load_object("mustard_bottle").mesh
-points = np.asarray(mesh.sample(20_000, seed=0))
-all_round = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+points, faces = mesh.sample(20_000, return_index=True, seed=0)
+normals = mesh.face_normals[faces]
 cameras = {"one view": [0.3, -0.35, 0.2], "two views": [-0.4, 0.1, 0.2]}
 
 x, y = np.meshgrid(np.linspace(-0.07, 0.07, 81), np.linspace(-0.07, 0.07, 81))
 slice_ = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])  # at the height of O
 cloud = FusedCloud.empty(voxel_size=0.003, smooth=True)
 for k, (name, p_OC) in enumerate(cameras.items()):
-    _, visible = all_round.hidden_point_removal(p_OC, radius=50.0)
+    visible = np.sum((p_OC - points) * normals, axis=1) > 0
     cloud = cloud.merged(points[visible], p_OC)
     field = complete_shape(cloud)
     # The field can be asked anywhere, so ask it how far off the points of the true surface are.

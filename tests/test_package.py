@@ -294,3 +294,19 @@ def test_every_import_is_a_declared_dependency(repository):
     sources = [*MODULES, *(repository / "diagrams").glob("*.py")]
     used = {name.split(".")[0] for path in sources for name in imported_names(path)}
     assert used <= allowed, f"not declared in pyproject.toml: {sorted(used - allowed)}"
+
+
+def test_no_class_has_two_bases_that_are_systems():
+    """Drake 1.58 refuses such a class when its module is imported."""
+    classes = {
+        node.name: {ast.unparse(base) for base in node.bases}
+        for path in [*MODULES, *(PACKAGE.parent / "tests").rglob("*.py")]
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ClassDef)
+    }
+
+    def is_system(name: str) -> bool:
+        return name in ("LeafSystem", "Diagram") or any(map(is_system, classes.get(name, ())))
+
+    assert is_system("PaperTaskController")
+    assert not [name for name, bases in classes.items() if sum(map(is_system, bases)) > 1]

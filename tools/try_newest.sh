@@ -40,6 +40,22 @@ PY
 "$python" -m pip install --quiet --disable-pip-version-check --no-deps .
 say "$("$python" --version), Drake $("$python" -m pip show drake | sed -n 's/^Version: //p')"
 cd out/newest
+# Every module, but for those that need what is left out here.
+"$python" - << 'PY'
+import pkgutil
+from importlib import import_module
+
+import feasigrasp
+import feasigrasp_lab
+
+for package in (feasigrasp, feasigrasp_lab):
+    for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+        try:
+            import_module(module.name)
+        except ModuleNotFoundError as error:
+            if str(error.name).partition(".")[0].startswith("feasigrasp"):
+                raise
+PY
 env -u PYTHONPATH OMP_NUM_THREADS=1 PYTHONWARNINGS=error::DeprecationWarning:pydrake \
     timeout 240 "$python" -m feasigrasp.cli run ReachLinear --seed 1 --results results.json > run.log ||
     { cat run.log >&2; say "the run fails" >&2; exit 1; }

@@ -208,7 +208,6 @@ class GraspController(LeafSystem):
         """The QP that keeps limits and clearances."""
         return SafetyFilter(self._safety_options, self.reachability.gripper)
 
-    @checked(ControlError)
     def update(self, memory: Any, inputs: ControllerInputs) -> Any:
         """The next memory.
 
@@ -218,7 +217,6 @@ class GraspController(LeafSystem):
         """
         raise NotImplementedError
 
-    @checked(ControlError)
     def velocity(self, memory: Any, inputs: ControllerInputs) -> Array:
         """The commanded joint velocity [rad/s], shape (7,).
 
@@ -236,7 +234,6 @@ class GraspController(LeafSystem):
         """
         return None
 
-    @checked(ControlError)
     def memory(self, context: Context) -> Any:
         """The result of the last `update`, here or at the source of ``plan``."""
         planned = optional(self._plan, context)

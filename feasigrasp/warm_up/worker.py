@@ -1,13 +1,16 @@
 """A compiling process: ``python -m feasigrasp.warm_up.worker``.
 
 It reads one kernel a line (module, name and signature, with tabs between them), and answers each
-with a line: nothing, or why it could not be compiled.
+with a line: nothing, or why it could not be compiled. It ends when nobody reads its answers.
 """
 
 from __future__ import annotations
 
 import gc
+import os
+import signal
 import sys
+from contextlib import suppress
 
 from feasigrasp.warm_up.kernels import Kernel
 from feasigrasp.warm_up.signatures import parse_signature
@@ -16,9 +19,13 @@ from feasigrasp.warm_up.signatures import parse_signature
 def main() -> None:
     """Answers until there is no more to read."""
     gc.disable()  # numba makes many objects and little garbage; 8 % of the time to compile
-    answers, sys.stdout = sys.stdout, sys.stderr  # nothing else may be written among the answers
-    for line in sys.stdin:
-        print(_compile(Kernel(*line.rstrip("\n").split("\t"))), file=answers, flush=True)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever has started this
+    answers = sys.stdout.fileno()
+    sys.stdout = sys.stderr  # nothing else may be written among the answers
+    with suppress(BrokenPipeError):
+        for line in sys.stdin:
+            answer = _compile(Kernel(*line.rstrip("\n").split("\t")))
+            os.write(answers, f"{answer}\n".encode())
 
 
 def _compile(kernel: Kernel) -> str:

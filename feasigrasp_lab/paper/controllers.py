@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from pydrake.systems.framework import Context
 
@@ -20,10 +22,11 @@ from feasigrasp_lab.paper.joint_law import PaperJointControl, PaperJointOptions
 from feasigrasp_lab.paper.task_law import PaperTaskOptions, paper_task_space_velocity
 
 
-class Unenforced(GraspController):
+class Unenforced:
     """A controller whose law is its command: no limits, clearances, view, or reaction to contact.
 
-    As the first base of a class it takes these from the controller behind it.
+    The first base of a class, before a `GraspController`. It is no system itself: Drake refuses
+    classes with two bases of its own.
     """
 
     def enforced(
@@ -39,7 +42,7 @@ class Unenforced(GraspController):
     def _search(self, context: Context) -> None:
         """The arm looks for nothing."""
 
-    def _calc(self, context: Context, output) -> None:
+    def _calc(self: Any, context: Context, output) -> None:
         output.SetFromVector(self.velocity(self.memory(context), ControllerInputs(self, context)))
 
 
@@ -63,7 +66,7 @@ class UnenforcedDrive(VelocityDrive):
         return desired, fault
 
 
-class PaperTaskController(Unenforced):
+class PaperTaskController(Unenforced, GraspController):
     """Steers the hand up the log density of a Riemannian mixture over the grasps.
 
     At every update the mixture is fitted anew if the grasps are others. Without grasps, or while
@@ -99,7 +102,7 @@ class PaperTaskController(Unenforced):
         )
 
 
-class PaperJointController(Unenforced):
+class PaperJointController(Unenforced, GraspController):
     """Descends a Gaussian-process distance field over the grasps' configurations.
 
     Without solutions, or while the object's pose or twist is not finite, the command is to stop.

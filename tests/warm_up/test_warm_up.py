@@ -103,6 +103,21 @@ def test_it_compiles_once_and_says_what_it_cannot(tmp_path):
     assert in_a_process(script, file, **here)[0] == "False"
 
 
+def test_a_compiling_process_ends_in_silence_when_nobody_reads_its_answers():
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "feasigrasp.warm_up.worker"],
+        input="feasigrasp.errors\tno_such_kernel\t()\n" * 3,
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        env=os.environ | {"PYTHONPATH": str(PACKAGE.parent)},
+        text=True,
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_a_package_that_cannot_be_written_to_is_compiled_into_the_users_cache(tmp_path):
     """Files in the place of ``__pycache__`` keep even root from writing there."""
     package = tmp_path / "site" / "feasigrasp"

@@ -14,6 +14,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp_lab.baselines.nearest_grasp_controller import NearestGraspController
 from feasigrasp_lab.paper.controllers import (
@@ -78,7 +79,7 @@ def test_no_field_is_looked_at(make):
 def test_a_hand_that_is_pushed_goes_on():
     J = pose_and_jacobian(HOME, REACH.gripper.X_FG)[1]
 
-    class Pressing(Unenforced):
+    class Pressing(Unenforced, GraspController):
         def update(self, memory, inputs):
             return memory
 
