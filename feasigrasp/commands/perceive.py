@@ -43,8 +43,6 @@ REASONS: dict[str, str] = {
     Rejection.UNCERTAIN: "less likely to be a true grasp than the others",
     Rejection.TOO_HEAVY: "the object would turn between the pads",
 }
-#: A share of outliers that one object hardly has.
-_MANY = 0.2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -227,7 +225,8 @@ def main(args: argparse.Namespace) -> int:
         down=args.down,
     )
     print_table(source.name, perception)
-    if perception.outliers > _MANY * len(points):
+    # A share of outliers that one object hardly has.
+    if perception.outliers > 0.2 * len(points):
         print(
             "  so many were dropped that there may be another object beside this one; keep one "
             "with --crop or --on-table"

@@ -29,10 +29,6 @@ from feasigrasp.outputs import check_outputs, replacing
 from feasigrasp.recordings.folder import DepthFolder, read_depth_folder
 from feasigrasp.recordings.unaided import UnaidedTracker
 
-#: Lengths that are plausible [m]: at least three voxels of a field (3 mm each), and at most
-#: twice the longest built-in object (the hammer, 0.24 m).
-SMALLEST, LARGEST = 0.01, 0.5
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
@@ -84,6 +80,9 @@ def check_size(points: Array, gpdf: Gpdf) -> None:
     Raises:
         PointCloudError: It shows a table.
     """
+    # Lengths that are plausible [m]: at least three voxels of a field (3 mm each), and at most
+    # twice the longest built-in object (the hammer, 0.24 m).
+    smallest, largest = 0.01, 0.5
     try:
         check_no_table(points, None)
     except PointCloudError as error:
@@ -92,7 +91,7 @@ def check_size(points: Array, gpdf: Gpdf) -> None:
             "object, or masks"
         ) from error
     size = float(np.ptp(gpdf.completion.points, axis=0).max())
-    if not SMALLEST < size < LARGEST:
+    if not smallest < size < largest:
         print(
             f"note: the object is {100.0 * size:.1f} cm long at first; if it is not, give a --box "
             "about it, masks, or --on-table, and check depth_scale in camera.json",

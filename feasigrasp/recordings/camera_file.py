@@ -22,10 +22,6 @@ from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.quantities import Count, NotNegative, Positive
 
-#: Bounds of focal length over image width: fields of view from 3 to 136 degrees. The widest depth
-#: camera in use, the Azure Kinect, has 120; normalized intrinsics are below it.
-_FOCAL_SHARE = 0.2, 20.0
-
 
 @dataclass(frozen=True)
 class CameraInfo:
@@ -75,7 +71,9 @@ class CameraInfo:
                 f"{self.source} is of images of {self.size[0]} x {self.size[1]} pixels, this one "
                 f"has {width} x {height}; give the camera file of this size"
             )
-        low, high = (share * width for share in _FOCAL_SHARE)
+        # Bounds of focal length over image width: fields of view from 3 to 136 degrees. The widest
+        # depth camera in use, the Azure Kinect, has 120; normalized intrinsics are below it.
+        low, high = (share * width for share in (0.2, 20.0))
         inside = -0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5
         if not (low < fx < high and low < fy < high and inside):
             raise CameraError(

@@ -28,9 +28,6 @@ from feasigrasp.models.quantities import UNKNOWN_POSES, ArrayOf, Positive, Whole
 from feasigrasp.recordings.camera_file import read_camera
 from feasigrasp.recordings.images import check_size, check_unit, read_depth, read_mask
 
-#: A pose of the camera is that of an image that was taken no farther from it in time [s].
-_SAME_TIME = 0.02
-
 
 @dataclass(frozen=True, eq=False)
 class DepthFolder(Frozen):
@@ -128,6 +125,8 @@ def _stamped(root: Path, rate: float) -> tuple[list[Path], Array]:
 
 def _camera_poses(root: Path, times: Array) -> Array:
     """X_WC (n, 4, 4) at some times; NaN where there is none near by, and if it stands still I."""
+    # A pose of the camera is that of an image that was taken no farther from it in time [s].
+    same_time = 0.02
     file = root / "groundtruth.txt"
     if not file.is_file():
         return np.tile(np.eye(4), (len(times), 1, 1))
@@ -139,10 +138,10 @@ def _camera_poses(root: Path, times: Array) -> Array:
     poses = np.full((len(times), 4, 4), np.nan)
     for k, time in enumerate(times):
         at = int(np.argmin(np.abs(rows[:, 0] - time)))
-        if abs(rows[at, 0] - time) <= _SAME_TIME:
+        if abs(rows[at, 0] - time) <= same_time:
             poses[k] = se3.make_pose(R[at], rows[at, 1:4])
     if not np.isfinite(poses).any():
-        raise InputError(f"{file} has no pose within {_SAME_TIME} s of any image")
+        raise InputError(f"{file} has no pose within {same_time} s of any image")
     return poses
 
 

@@ -114,10 +114,6 @@ def _frames(rs: Any, pipeline: Any) -> Iterator[DepthFrame]:
         yield DepthFrame(1e-3 * depth.get_timestamp(), last, pixels, colors)
 
 
-#: zlib's quickest level: an image of 640 x 480 has to be written in less than 33 ms.
-_COMPRESSION = 1
-
-
 @dataclass(frozen=True, eq=False)
 class DepthFrame:
     """A depth image and the color image of the same pixels.
@@ -176,7 +172,8 @@ def recorded(
         name = f"depth/{k:06d}.png"
         for file, image in ((name, frame.depth), (f"color/{k:06d}.png", frame.color)):
             with replacing(folder / file) as target:
-                Image.fromarray(image).save(target, "png", compress_level=_COMPRESSION)
+                # zlib's quickest level: an image of 640 x 480 has to be written in less than 33 ms.
+                Image.fromarray(image).save(target, "png", compress_level=1)
         try:
             with (folder / "depth.txt").open("a") as lines:
                 lines.write(f"{frame.time:.6f} {name}\n")

@@ -19,8 +19,6 @@ from feasigrasp.systems.monitoring.camera_pictures import Picture
 
 #: Pictures per simulated second.
 FRAMES_PER_SECOND = 32.0
-#: Size of the pictures [pixels].
-_WIDTH, _HEIGHT = 960, 600
 #: Browsers that take pictures without a window.
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -129,13 +127,15 @@ def take_picture(replay: Path) -> bool:
     Returns:
         Whether there is a picture that is not older than the replay.
     """
+    # Size of the pictures [pixels].
+    width, height = 960, 600
     picture = replay.with_suffix(".png")
     if not replay.exists():
         return False
     if picture.exists() and picture.stat().st_mtime >= replay.stat().st_mtime:
         return True
     try:
-        screenshot(replay, picture, (_WIDTH, _HEIGHT))
+        screenshot(replay, picture, (width, height))
     except BrowserError:
         return False
     return True

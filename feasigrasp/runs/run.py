@@ -61,8 +61,6 @@ from feasigrasp.systems.station.directives import cell_directives
 
 #: The ``error`` of a run that Ctrl-C ended.
 INTERRUPTED = "interrupted"
-#: An object this low has fallen past the table [m].
-FALLEN = -1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -381,7 +379,8 @@ class _Monitor:
             return EventStatus.ReachedTermination(self._sequencer, "the grasp is over")
         # Beside the table there is nothing: it would fall and spin until numbers overflow.
         X_WO = self._object_pose.Eval(self._station.GetMyContextFromRoot(context))
-        if X_WO.translation()[2] < FALLEN:
+        # An object this low has fallen past the table [m].
+        if X_WO.translation()[2] < -1.0:
             return EventStatus.ReachedTermination(self._station, "the object has fallen")
         return EventStatus.DidNothing()
 

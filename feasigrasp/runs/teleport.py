@@ -8,9 +8,6 @@ from pydrake.systems.analysis import Simulator, SimulatorStatus
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: Time between two looks for a grasp [s].
-_PERIOD = 0.05
-
 
 def teleport(simulator: Simulator, reachability: Reachability, until: float) -> bool:
     """Waits for grasps in reach, then puts the arm at the best of them, at rest.
@@ -32,7 +29,8 @@ def teleport(simulator: Simulator, reachability: Reachability, until: float) -> 
     arm = plant.GetModelInstanceByName("iiwa")
     plant_context = plant.GetMyMutableContextFromRoot(root)
     while root.get_time() < until:
-        status = simulator.AdvanceTo(min(root.get_time() + _PERIOD, until))
+        # Time between two looks for a grasp [s].
+        status = simulator.AdvanceTo(min(root.get_time() + 0.05, until))
         if status.reason() != SimulatorStatus.ReturnReason.kReachedBoundaryTime:
             return False
         ports = sequencer.GetMyContextFromRoot(root)

@@ -31,8 +31,6 @@ from feasigrasp.scenario.schema import BezierPath, Scenario
 
 #: Streams of numbers that are drawn from the seed: where the object is, how the hand errs.
 _PLACE, _HAND = 1, 3
-#: Moments at which the speed is looked at.
-_MOMENTS = 2000
 
 
 def make_camera_noise(scenario: Scenario) -> dict[str, DepthNoise]:
@@ -166,7 +164,8 @@ def make_distractor_bodies(
 def largest_speed(scenario: Scenario) -> float:
     """The object's largest speed along its path, over a lap or over the run if there is none."""
     motion, end = make_motion(scenario), lap(scenario)
-    times = np.linspace(0.0, end if math.isfinite(end) else scenario.simulation_duration, _MOMENTS)
+    # Moments at which the speed is looked at.
+    times = np.linspace(0.0, end if math.isfinite(end) else scenario.simulation_duration, 2000)
     return max(float(np.linalg.norm(motion.velocity(t)[3:])) for t in times)
 
 

@@ -49,9 +49,6 @@ from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.tracking.field_tracker import FieldTracker
 from feasigrasp.systems.tracking.keyframes_to_gpdf import KeyframesToGPDF
 
-#: A tracker's field changes with every keyframe; grasps need not be sampled so often [s].
-_KEYFRAMES_REST = 0.25
-
 
 def make_station(scenario: Scenario) -> Station:
     """The robot cell of a scenario, with its moving object.
@@ -187,7 +184,8 @@ def make_grasp_sampler(
 ) -> GraspSampler:
     """The grasp sampler of a scenario, with its filter."""
     checks = gripper if scenario.perception.filter else None
-    rest = _KEYFRAMES_REST if scenario.tracker.kind == TrackerKind.CAMERA else 0.0
+    # A tracker's field changes with every keyframe; grasps need not be sampled so often [s].
+    rest = 0.25 if scenario.tracker.kind == TrackerKind.CAMERA else 0.0
     return GraspSampler(sampler, checks, mass=scenario.object.mass, rest=rest)
 
 

@@ -30,8 +30,6 @@ from feasigrasp.systems.ports import PeriodicState, declare_input, declare_outpu
 
 #: A view contradicts the earlier ones beyond this share, see `FusedCloud.contradicted`.
 MAX_CONTRADICTION = 0.3
-#: A contradiction is forgotten when the object has been out of sight for so long [s].
-DOUBTED_FOR = 2.0
 #: So many views in turn that contradict the earlier ones, and not each other, are right, if they
 #: show this share of the surface that the earlier ones did: a close look at a part is no reason to
 #: forget the rest.
@@ -214,7 +212,8 @@ class PointCloudToGPDF(LeafSystem):
         points_O = (X_OW @ points_W[finite].T).T
         if len(points_O) < self._min_points:
             # Whether the pose is wrong is undecided; the hand has to take a view.
-            doubted = seen.contradicted and time < seen.looked + DOUBTED_FOR - 1e-9
+            # A contradiction is forgotten when the object has been out of sight for so long [s].
+            doubted = seen.contradicted and time < seen.looked + 2.0 - 1e-9
             return replace(seen, contradicted=doubted)
         kept, fault, detail = usable_points(points_O, p_OC, self._min_points, seen.cloud.points)
         if fault is None and of_one_depth(points_W[finite], X_WC.GetAsMatrix4()):

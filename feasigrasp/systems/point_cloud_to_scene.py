@@ -25,13 +25,6 @@ from feasigrasp.models.shape.scene_field import SceneField, fit_scene
 from feasigrasp.scenario.schema import SceneConfig
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
 
-#: So much around the arm counts as free with it [m]: half of what it keeps to obstacles. If it were
-#: all of it, an arm that stands before unseen space would make room for itself, look by look.
-ARM_CLEARANCE = 0.5 * SafetyOptions.obstacle_clearance
-#: Points of neighbouring pixels that are farther apart lie on different surfaces [m]; those of a
-#: table seen at a slant from a metre away do not.
-SCENE_EDGE_JUMP = 0.05
-
 
 @dataclass(frozen=True, eq=False)
 class _Surroundings(Frozen):
@@ -104,7 +97,9 @@ class PointCloudToScene(LeafSystem):
             return before
         finite = np.isfinite(xyz).all(axis=0)
         surroundings = finite & ~np.isin(labels, self._ignored)
-        edges = edge_pixels(xyz, finite, surroundings, SCENE_EDGE_JUMP)
+        # Points of neighbouring pixels that are farther apart lie on different surfaces [m]; those
+        # of a table seen at a slant from a metre away do not.
+        edges = edge_pixels(xyz, finite, surroundings, 0.05)
         points = xyz[:, surroundings & ~edges].T.astype(float)
         if len(points) < MIN_POINTS:
             points = points[:0]
@@ -125,4 +120,9 @@ class PointCloudToScene(LeafSystem):
         if not self._position.HasValue(context):
             return space
         center = self._balls.placed(self._position.Eval(context))
-        return space.occupied_by(center, self._balls.radius + ARM_CLEARANCE)
+        # So much around the arm counts as free with it [m]: half of what it keeps to obstacles. If
+        # it were all of it, an arm that stands before unseen space would make room for itself, look
+        # by look.
+        return space.occupied_by(
+            center, self._balls.radius + 0.5 * SafetyOptions.obstacle_clearance
+        )

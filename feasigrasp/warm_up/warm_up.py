@@ -16,9 +16,6 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.warm_up.kernels import Kernel, all_callees, load_kernels
 from feasigrasp.warm_up.stamps import write_stamps
 
-#: With more processes than that, most would wait for the longest kernel.
-_MOST_PROCESSES = 8
-
 
 @dataclass(frozen=True)
 class Progress:
@@ -53,7 +50,8 @@ def warm_up(
         What could not be compiled, and why; a run compiles it when it is called.
     """
     kernels = load_kernels(groups)
-    count = min(joblib.cpu_count(), _MOST_PROCESSES)
+    # With more processes than that, most would wait for the longest kernel.
+    count = min(joblib.cpu_count(), 8)
     command = [sys.executable, "-m", f"{__package__}.worker"]
     # Started before this process loads the modules itself.
     workers = [

@@ -1,7 +1,7 @@
 """A compiling process: ``python -m feasigrasp.warm_up.worker``.
 
 It reads one kernel a line (module, name and signature, with tabs between them), and answers each
-with a line: nothing, or why it could not be compiled. It ends when nobody reads its answers.
+with a line: nothing, or why it could not be compiled. It ends when its answers have no reader.
 """
 
 from __future__ import annotations

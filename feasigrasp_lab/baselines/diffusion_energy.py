@@ -36,8 +36,6 @@ from feasigrasp_lab.networks.vector_neurons import (
 LENGTH = 0.125
 #: Widths of the means round a point on the hand, in units: 6, 3 and 1.5 cm; each half the last.
 _WIDEST, _WIDTHS = 0.48, 3
-#: Weight that stands for nothing near.
-_NOTHING_NEAR = 1e-3
 #: Frequencies of the noise level's Fourier features [1 per unit of time].
 _FREQUENCIES = (0.25, 0.5, 1.0, 2.0, 4.0)
 
@@ -140,7 +138,8 @@ class PoseEnergy(nn.Module):
         invariants, directions = self.sizes["invariants"], self.sizes["directions"]
         for summed in _summed(cloud, x):
             near, rest = summed.split((1, summed.shape[-1] - 1), -1)
-            share = 1.0 / (near + _NOTHING_NEAR)
+            # Weight that stands for nothing near.
+            share = 1.0 / (near + 1e-3)
             numbers, place, vectors = (rest * share).split((invariants, 3, 3 + 3 * directions), -1)
             vectors = torch.cat((place - x * (near * share), vectors), -1).unflatten(-1, (-1, 3))
             parts += [-torch.log(share), numbers, (vectors @ R).flatten(2)]

@@ -43,12 +43,6 @@ from feasigrasp_lab.paper.task_law import least_norm_kernel
 #: than so many of its standard deviations: the length of noise in six directions, and half as much
 #: again.
 _COOLING, _FARTHEST = 0.85, 1.5 * np.sqrt(6.0)
-#: Distance from the center of an object that noise brings hands to [m].
-_KNOWN = 0.35
-#: The end of the way down the energy: in so many steps of that share of it.
-_STEPS, _SHARE = 10, 0.3
-#: It is a grasp to go to while a hand is no farther from it [m], [rad].
-_ARRIVING = 0.05, 0.5
 #: From radians and units of the energy to radians and metres.
 _UNITS = np.repeat([1.0, LENGTH], 3)
 
@@ -130,18 +124,21 @@ class DiffusedField(Frozen):
         arrival = self.arrival
         if len(arrival) == 0:
             arrival = self._end(X_OH, reachability.gripper.max_opening)
-        if (grasp_errors(arrival.X_OG, X_OH) > _ARRIVING).any():
+        # It is a grasp to go to while a hand is no farther from it [m], [rad].
+        if (grasp_errors(arrival.X_OG, X_OH) > (0.05, 0.5)).any():
             arrival = GraspSet.empty()
         grasp = nearest_grasp(self.grasp, q, arrival.X_OG, X_WO, reachability)
         return replace(self, grasp=grasp, arrival=arrival if grasp else GraspSet.empty())
 
     def _end(self, X_OH: Array, opening: float) -> GraspSet:
         """Where the way down the energy ends; none with noise left, or nothing to hold there."""
+        # The end of the way down the energy: in so many steps of that share of it.
+        steps, share = 10, 0.3
         if self.gpdf is None or self.time > LAST_TIME or not np.isfinite(X_OH).all():
             return GraspSet.empty()
         X = X_OH
-        for _ in range(_STEPS):
-            X = X @ se3.exp(_SHARE * self.way(X))
+        for _ in range(steps):
+            X = X @ se3.exp(share * self.way(X))
         X_OG, width, held = closed_on(self.gpdf, X[None], opening)
         reliable = np.ones(
             int(held.sum())
@@ -157,10 +154,12 @@ class DiffusedField(Frozen):
         Returns:
             Body twist [angular; linear], shape (6,) [rad; m].
         """
+        # Distance from the center of an object that noise brings hands to [m].
+        known = 0.35
         if self.diffused is None:
             return np.zeros(6)
         beside = X_OH[:3, 3] - self.diffused.middle
-        back = beside * max(0.0, 1.0 - _KNOWN / max(float(np.linalg.norm(beside)), _KNOWN))
+        back = beside * max(0.0, 1.0 - known / max(float(np.linalg.norm(beside)), known))
         X = X_OH.copy()
         X[:3, 3] -= back
         way = -noise_variance(self.time) * self.diffused.gradient(X[None], self.time)[0] * _UNITS**2

@@ -28,8 +28,6 @@ from feasigrasp_lab.networks.contact_network import fill_network, network_arrays
 ANNEALED, SETTLING = 70, 50
 #: Time at the last step: noise of 4 mm and 1.8 degrees.
 LAST_TIME = 1e-3
-#: Square of the step over the noise, at the last one [rad^2 or units^2].
-_STEP = 1e-3
 #: Initial positions are drawn at this distance from the center of the object [m].
 _SPREAD = 0.1
 _FILE = WeightsFormat(
@@ -84,7 +82,8 @@ class DiffusedObject(Frozen):
         X[:, :3, 3] = self.middle + _SPREAD * rng.standard_normal((count, 3))
         units = np.repeat([1.0, LENGTH], 3)
         for time, noisy in _schedule():
-            a = _STEP * float(noise_variance(time) / noise_variance(LAST_TIME))
+            # Square of the step over the noise, at the last one [rad^2 or units^2].
+            a = 1e-3 * float(noise_variance(time) / noise_variance(LAST_TIME))
             step = -0.5 * a * self.gradient(X, time) * units  # per unit of length
             if noisy:
                 step += np.sqrt(a) * rng.standard_normal((count, 6))

@@ -22,8 +22,6 @@ from feasigrasp_lab.paper.task_law import least_norm_kernel
 
 #: Another grasp is followed if it is reached sooner by this [s].
 SAVED = 0.2
-#: Poses are the same grasp if no entry differs by more.
-_SAME = 1e-9
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,8 @@ def nearest_grasp(
     best = int(np.argmin(times))
     if not np.isfinite(times[best]):
         return NearestGrasp()
-    same = np.flatnonzero(np.abs(X_OG - before.X_OG).max(axis=(1, 2)) < _SAME)
+    # Poses are the same grasp if no entry differs by more.
+    same = np.flatnonzero(np.abs(X_OG - before.X_OG).max(axis=(1, 2)) < 1e-9)
     if len(same) and times[same[0]] < times[best] + SAVED:
         best = int(same[0])
     return NearestGrasp(X_OG[best], found[best])

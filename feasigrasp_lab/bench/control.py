@@ -55,12 +55,6 @@ X_WO = se3.make_pose(se3.so3_exp([0.2, -0.1, 0.4]), [0.5, 0.0, 0.5])
 V_WO = np.array([0.1, 0.0, 0.2, 0.1, 0.0, 0.0])
 #: Groups of grasps are this far apart, in radians and tenths of a metre.
 _APART, _PER_METRE = 1.0, np.array([1.0, 1.0, 1.0, 10.0, 10.0, 10.0])
-#: Different inputs that follow one another.
-_INPUTS = 64
-#: Updates of a controller, at 10 Hz, for which grasps stay the same.
-_UPDATES_PER_VIEW = 5
-#: Updates that are not timed, since the first ones load compiled code.
-_WARM_UP = 15
 
 
 def grasps_in_reach(
@@ -97,6 +91,8 @@ class ControllerProbe:
 
     def __init__(self, controller: LeafSystem, grasps: GraspSet, rng: np.random.Generator) -> None:
         """Fixes the inputs of a controller and lets it take up the grasps."""
+        # Different inputs that follow one another.
+        inputs = 64
         self.controller = controller
         self.simulator = Simulator(controller)
         self.context = self.simulator.get_mutable_context()
@@ -117,10 +113,10 @@ class ControllerProbe:
         self._grasps = fixed["grasps"]
         few = rng.permutation(len(grasps))[: max(1, 4 * len(grasps) // 5)]
         self._views = cycle([grasps.select(np.sort(few)), grasps])
-        poses = X_WO @ se3.exp(rng.normal(0.0, 0.01, (_INPUTS, 6)))
+        poses = X_WO @ se3.exp(rng.normal(0.0, 0.01, (inputs, 6)))
         self.inputs = list(
             zip(
-                HOME + rng.normal(0.0, 0.05, (_INPUTS, len(HOME))),
+                HOME + rng.normal(0.0, 0.05, (inputs, len(HOME))),
                 map(RigidTransform, poses),
                 strict=True,
             )
@@ -147,15 +143,18 @@ class ControllerProbe:
             period: Time between updates of the controller [s].
             count: Number of updates.
         """
+        # Updates that are not timed, since the first ones load compiled code.
+        warm_up = 15
         times = []
-        for k in range(_WARM_UP + count):
+        for k in range(warm_up + count):
             self._move_on()
-            if k % _UPDATES_PER_VIEW == 0:
+            # Updates of a controller, at 10 Hz, for which grasps stay the same.
+            if k % 5 == 0:
                 self._grasps.GetMutableData().set_value(next(self._views))
             start = time.process_time()
             self.simulator.AdvanceTo(self.context.get_time() + period)
             times.append(1e3 * (time.process_time() - start))
-        return np.array(times[_WARM_UP:])
+        return np.array(times[warm_up:])
 
     def _move_on(self) -> None:
         q, pose = self.next_inputs()
@@ -165,14 +164,10 @@ class ControllerProbe:
 
 #: Components of the safe task controller, solutions of the safe joint controller.
 SAFE_COMPONENTS, SAFE_SOLUTIONS = 8, 64
-#: Groups of the grasps that the joint controller gets.
-_GROUPS = 10
 #: Grasps in each component, and how many draws may fail to give as many components as wanted.
 _PER_GROUP, _DRAWS = 12, 20
 #: Sizes that the peers are timed with.
 _PEERS_TASK, _PEERS_JOINT = (1, 10), (10, 100)
-#: Time between updates of the controllers [s].
-_PLANNING = 0.1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -224,12 +219,14 @@ def cases(seed: int) -> Iterator[Case]:
 
 def planning_rows(seed: int, count: int) -> list[Row]:
     """How long the controllers plan: median, 99th percentile and worst of many updates."""
+    # Time between updates of the controllers [s].
+    planning = 0.1
     reachability, rows = Reachability(), []
     for preset, probe in (
         ("task/safe", task_probe(reachability, SAFE_COMPONENTS, "safe", seed)),
-        ("joint/safe", joint_probe(reachability, SAFE_SOLUTIONS, "safe", seed, period=_PLANNING)),
+        ("joint/safe", joint_probe(reachability, SAFE_SOLUTIONS, "safe", seed, period=planning)),
     ):
-        times = probe.update_ms(_PLANNING, count)
+        times = probe.update_ms(planning, count)
         for name, value in (
             ("median", np.median(times)),
             ("p99", np.percentile(times, 99)),
@@ -265,8 +262,10 @@ def joint_probe(
     Raises:
         RuntimeError: It found fewer.
     """
+    # Groups of the grasps that the joint controller gets.
+    groups = 10
     rng = np.random.default_rng(seed)
-    grasps = grasps_in_reach(reachability, _GROUPS, -(-N // _GROUPS), rng)
+    grasps = grasps_in_reach(reachability, groups, -(-N // groups), rng)
     grasps = grasps.select(np.arange(N))
     controller: GraspController
     if mode == "corrected":

@@ -50,10 +50,6 @@ GRASPS, COMPONENTS, POSES = 1024, 64, 3_000_000
 #: The object: pose and twist [angular; linear].
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
 V_WO = np.array([0.0, 0.0, 0.2, 0.05, 0.05, 0.0])
-#: Grasps have any orientation and are this far from the object's centre at most, per axis [m].
-OBJECT_SIZE = 0.05
-#: The peer's memory is n x K: it gets this share of the poses, and its time is divided by it.
-_PEER_SHARE = 0.1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,9 +62,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def random_grasps(seed: int) -> GraspSet:
     """The grasps that the filters get; about half of them can be reached."""
+    # Grasps have any orientation and are this far from the object's centre at most, per axis [m].
+    object_size = 0.05
     rng = np.random.default_rng(seed)
     X_OG = se3.random_pose(rng, GRASPS)
-    X_OG[:, :3, 3] = rng.uniform(-OBJECT_SIZE, OBJECT_SIZE, (GRASPS, 3))
+    X_OG[:, :3, 3] = rng.uniform(-object_size, object_size, (GRASPS, 3))
     return GraspSet(X_OG, np.full(GRASPS, 0.05), rng.random(GRASPS))
 
 
@@ -141,7 +139,8 @@ def _scikit_learn_iteration(
 
     What three iterations take more than one, halved, so that initialisation does not count.
     """
-    few = int(_PEER_SHARE * n)
+    # The peer's memory is n x K: it gets this share of the poses, and its time is divided by it.
+    few = int(0.1 * n)
     turns = Rotation.from_quat(quaternions[:few], scalar_first=True).as_rotvec()
     X = np.hstack([turns, positions[:few]])
 

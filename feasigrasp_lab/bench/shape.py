@@ -176,8 +176,6 @@ def torch_query(field: Gpdf) -> Callable[[torch.Tensor], tuple[torch.Tensor, tor
 
 #: Nodes of the fields that are timed.
 SIZES = (512, 1024)
-#: Points at which value and gradient are asked for.
-QUERIES = 100_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -214,7 +212,8 @@ def cases(cloud: Array, seed: int) -> Iterator[Case]:
             yield Case(f"bench.validation_ms.{n}", preset, step)
     field = fit_from_points(points)
     low, high = field.bounds + [[-0.1], [0.1]]
-    x = rng.uniform(low, high, (QUERIES, 3))
+    # Points at which value and gradient are asked for.
+    x = rng.uniform(low, high, (100_000, 3))
     single = torch.as_tensor(x, dtype=torch.float32)
     for preset, query in (
         ("default", partial(field.distance_and_gradient, x)),

@@ -16,12 +16,8 @@ from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.training.data.grasp_labels import best_labels, find_pairs
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 
-#: Contacts of a view whose best approach is tried on the true mesh.
-TRIED = 128
 #: An object can be grasped if valid grasps start at so many of the points of its true surface.
 GRASPABLE = 10
-#: Modes of approach whose scores differ by less are in any order.
-_SAME_SCORE = 1e-7
 
 
 def proposal_measures(
@@ -43,7 +39,8 @@ def proposal_measures(
     pairs = find_pairs(truth, points, normals, gripper, np.random.default_rng(seed), 4)
     labels = best_labels(pairs, len(points))
     at = np.flatnonzero(labels.contact)
-    some = at[:: -(-len(at) // TRIED)] if len(at) else at
+    # Contacts of a view whose best approach is tried on the true mesh.
+    some = at[:: -(-len(at) // 128)] if len(at) else at
     b, width = proposals.closing[some], proposals.width[some]
     z = proposals.approach[some, 0]
     R = np.stack([b, np.cross(z, b), z], axis=2)
@@ -113,6 +110,7 @@ def equivariance_error(network: TorchGraspNetwork, surface: GraspInput, seed: in
     errors = [getattr(still, name)[order] - getattr(moved, name) for name in numbers]
     errors.append(still.closing[order] @ R.T - moved.closing)
     # Between modes that score the same, rounding decides which comes first.
-    clear = np.abs(np.diff(moved.approach_score, axis=1)).min(axis=1, initial=1.0) > _SAME_SCORE
+    # Modes of approach whose scores differ by less are in any order.
+    clear = np.abs(np.diff(moved.approach_score, axis=1)).min(axis=1, initial=1.0) > 1e-7
     errors.append((still.approach[order] @ R.T - moved.approach)[clear])
     return max(float(np.abs(error).max(initial=0.0)) for error in errors)

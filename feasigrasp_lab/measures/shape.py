@@ -109,13 +109,12 @@ def _project(field: Gpdf, x: Array, steps: int = 5) -> tuple[Array, Array]:
     return ends[on], normals[on]
 
 
-#: Points on the true surface that a shape is judged by.
-SAMPLES = 2000
 #: Completed points farther from the true surface than this are invented [m].
 INVENTED = 0.01
 
 
-def true_samples(viewed: ViewedObject, seed: int, count: int = SAMPLES) -> tuple[Array, Array]:
+# Points on the true surface that a shape is judged by.
+def true_samples(viewed: ViewedObject, seed: int, count: int = 2000) -> tuple[Array, Array]:
     """Points spread uniformly by area over the true surface and their normals, (count, 3) each."""
     points, faces = trimesh.sample.sample_surface(viewed.obj.mesh, count, seed=seed)
     return np.asarray(points), np.asarray(viewed.obj.mesh.face_normals[faces])

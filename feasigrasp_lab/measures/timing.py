@@ -18,8 +18,6 @@ from feasigrasp.runs.results.statistics import Estimate
 
 Result = TypeVar("Result")
 
-#: A repetition is this long, so that the clock's steps do not matter [s].
-REPETITION_S = 2e-3
 #: Units that names of rows end in, and how many are a second.
 _PER_SECOND = {"us": 1e6, "ms": 1e3, "s": 1.0}
 
@@ -53,7 +51,8 @@ def cpu_time(function: Callable[[], object], seconds: float = 1.0) -> Timing:
     """
     function()
     calls = 1
-    while (elapsed := _elapsed(function, calls)) < REPETITION_S:
+    # A repetition is this long, so that the clock's steps do not matter [s].
+    while (elapsed := _elapsed(function, calls)) < 2e-3:
         calls *= 2
     n = max(5, int(seconds / elapsed))
     times = sorted(_elapsed(function, calls) / calls for _ in range(n))

@@ -49,9 +49,6 @@ from feasigrasp_lab.networks.vector_neurons import (
     unit,
 )
 
-#: How far apart the default network starts the widths of a grasp [m].
-APART = 20e-3
-
 
 class Contacts(NamedTuple):
     """A batch of contact features (see `contact_features`), channels last."""
@@ -138,7 +135,8 @@ class ContactNetwork(nn.Module):
         with torch.no_grad():  # start with b the inward normal and the width the chord
             self.last.weight[1:].mul_(0.1)
             self.last.bias[1:].zero_()
-            self.last.bias[1 : 1 + WIDTHS] = torch.arange(WIDTHS) * (APART / LENGTH_SCALE)
+            # How far apart the default network starts the widths of a grasp [m].
+            self.last.bias[1 : 1 + WIDTHS] = torch.arange(WIDTHS) * (20e-3 / LENGTH_SCALE)
             self.last.bias[-WIDTHS:] = -torch.arange(WIDTHS)
             self.gates.weight.mul_(0.1)
             self.gates.bias.zero_()

@@ -34,8 +34,6 @@ Float32Array = NDArray[np.float32]
 
 #: log2 of the responsibility below which a component counts as not responsible at all.
 LOG2_TOLERANCE = -20
-#: Entries per packed component: quaternion, R^T row by row, R^T p, whitening factor, constant.
-PACKED = 4 + 9 + 3 + 21 + 1
 #: Poses per block, a constant of the code: with a length known only at run time, the compiler
 #: does not turn `tangents_kernel` into SIMD code.
 BLOCK = 256
@@ -71,7 +69,8 @@ def pack(mixture: RiemannianMixture) -> Float32Array:
     """The mixture as the kernels take it, shape (K, 38)."""
     log_weights, means, quaternions, whitening, log_normalisers = mixture.parameters
     R, p = means[:, :3, :3], means[:, :3, 3]
-    packed = np.empty((len(mixture), PACKED))
+    # Entries per packed component: quaternion, R^T row by row, R^T p, whitening factor, constant.
+    packed = np.empty((len(mixture), 4 + 9 + 3 + 21 + 1))
     packed[:, :4] = quaternions
     packed[:, 4:13] = R.swapaxes(1, 2).reshape(-1, 9)
     packed[:, 13:16] = np.einsum("kij,ki->kj", R, p)

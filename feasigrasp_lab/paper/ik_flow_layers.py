@@ -26,8 +26,6 @@ WIDEST = 1.5
 SCALE_BIAS = -2.0
 #: Share of the uniform distribution in every mixture: keeps the density above zero.
 BACKGROUND = 1e-5
-#: Angles are inverted to this accuracy [rad].
-TOLERANCE = 1e-10
 #: Step along the local z-axis to joint i.
 STEPS = np.array(IIWA_7.link_steps[:-1])
 #: Rows (a, b, c) of a target for each joint: it turns a towards b, about c.
@@ -245,7 +243,8 @@ def quantile_kernel(head, narrowest, azimuth, joint, u, q):
             following = x + step if inside else 0.5 * (low + high)
             before = abs(following - x)
             x = following
-            if before < TOLERANCE:
+            # Angles are inverted to this accuracy [rad].
+            if before < 1e-10:
                 break
         q[n] = x
 

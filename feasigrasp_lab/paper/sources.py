@@ -25,13 +25,6 @@ from feasigrasp_lab.paper.ik_flow import IkFlow
 #: where one misses its pose.
 Draw = Callable[[Array, int], Array]
 
-#: Draws for each pose where new solutions are looked for.
-DRAWS = 8
-#: Steps of damped least squares, and their damping.
-_STEPS, _DAMPING = 20, 0.05
-#: A configuration reaches its pose below these errors [m, rad].
-_POSITION_TOLERANCE, _ANGLE_TOLERANCE = 1e-3, 0.02
-
 
 def from_flow(X_WF: Array, draws: int) -> Array:
     """Draws from the IK flow, refined by its three steps of the pseudo-inverse."""
@@ -43,9 +36,11 @@ def from_flow(X_WF: Array, draws: int) -> Array:
 
 def by_least_squares(X_WF: Array, draws: int) -> Array:
     """Damped least squares from random configurations, the same for every pose."""
+    # Steps of damped least squares, and their damping.
+    steps, damping = 20, 0.05
     poses = np.repeat(X_WF, draws, axis=0)
     starts = np.tile(_random_configurations(draws), (len(X_WF), 1))
-    return _reached(*refine(poses, starts, _STEPS, _DAMPING, limit_margin=0.0), draws=draws)
+    return _reached(*refine(poses, starts, steps, damping, limit_margin=0.0), draws=draws)
 
 
 #: The values of ``control.source`` that solutions can be drawn from anew.
@@ -53,7 +48,9 @@ SOURCES: dict[str, Draw] = {"flow": from_flow, "dls": by_least_squares}
 
 
 def _reached(q: Array, position: Array, angle: Array, *, draws: int) -> Array:
-    q[~((position < _POSITION_TOLERANCE) & (angle < _ANGLE_TOLERANCE))] = np.nan
+    # A configuration reaches its pose below these errors [m, rad].
+    position_tolerance, angle_tolerance = 1e-3, 0.02
+    q[~((position < position_tolerance) & (angle < angle_tolerance))] = np.nan
     return q.reshape(-1, draws, IIWA_7.joints)
 
 
@@ -88,7 +85,8 @@ def _drawn_configurations(
     if len(X_WF) == 0:
         return []
     worth, result = radians_per_second * costs.times[-1], []
-    for q, taken in zip(draw(X_WF, DRAWS), known, strict=True):
+    # Draws for each pose where new solutions are looked for.
+    for q, taken in zip(draw(X_WF, 8), known, strict=True):
         found = np.empty((max(per_pose - len(taken), 0), IIWA_7.joints))
         count = _drawn(q, q_now, taken, search, costs.record, worth, found)
         result.append(found[:count])

@@ -15,8 +15,6 @@ from feasigrasp_lab.protocols.changes import Change, both, unchanged
 
 #: Speed of the object [m/s].
 SPEED = 0.1
-#: Pixels by which masks are wrong: a rim missed, a rim too much, or all of it beside the object.
-_PIXELS = 3
 #: Ranges that are drawn from where everything comes together: time from a view to its grasps [s],
 #: friction, and mass as a multiple of the object's.
 _LATENCY, _FRICTION, _MASS = (0.0, 1.0), (0.3, 0.8), (0.5, 2.0)
@@ -74,10 +72,12 @@ def _mass(factor: float) -> Change:
 
 def _masks(scenario: Scenario) -> None:
     """Masks that miss the rim, have too much of it, or lie beside the object, in turn."""
+    # Pixels by which masks are wrong: a rim missed, a rim too much, or all of it beside the object.
+    pixels = 3
     scenario.faults += [
-        MaskEroded(duration=1.0, every=3.0, pixels=_PIXELS),
-        MaskDilated(start=1.0, duration=1.0, every=3.0, pixels=_PIXELS),
-        MaskShifted(start=2.0, duration=1.0, every=3.0, columns=_PIXELS, rows=_PIXELS),
+        MaskEroded(duration=1.0, every=3.0, pixels=pixels),
+        MaskDilated(start=1.0, duration=1.0, every=3.0, pixels=pixels),
+        MaskShifted(start=2.0, duration=1.0, every=3.0, columns=pixels, rows=pixels),
     ]
 
 

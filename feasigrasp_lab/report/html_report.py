@@ -34,8 +34,6 @@ from feasigrasp_lab.training.data.shape_sheet import shape_picture
 
 #: Objects, each with how often it was held, and in how many runs.
 Outcomes = Mapping[str, tuple[int, int]]
-#: Failures that the page lists.
-_WORST = 12
 
 
 def write_page(folder: Path, sections: Mapping[Path, str], replays: int = 0) -> Path:
@@ -144,7 +142,8 @@ def worst_failures(records: Mapping[Path, Record]) -> list[Path]:
         run = records[file]
         return run["error"] is not None, run["metrics"]["pushed_mm"] or 0.0
 
-    return sorted(lost, key=badness, reverse=True)[:_WORST]
+    # Failures that the page lists.
+    return sorted(lost, key=badness, reverse=True)[:12]
 
 
 def _failures_part(folder: Path, records: Mapping[Path, Record], replays: int) -> str:

@@ -9,22 +9,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import joblib
 import numpy as np
 from tqdm import tqdm
 
 from feasigrasp.errors import InputError
 from feasigrasp.inputs import read_arrays, read_json
 from feasigrasp.outputs import replacing
-from feasigrasp.runs.results.provenance import git_revision, versions
+from feasigrasp.runs.results.provenance import git_revision
 from feasigrasp.runs.results.rows import write_json
+from feasigrasp_lab.results.workers import in_processes, made_with
 
 Record = dict[str, Any]
-
-
-def made_with() -> dict[str, Any]:
-    """The code that results depend on: its revision and the versions."""
-    return {"git": git_revision(), "versions": versions()}
 
 
 def read_finished(filename: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -88,14 +83,9 @@ def finish_all(
     files = {name: folder / f"{name}.json" for name in items}
     missing = [n for n in items if read_finished(files[n], {"key": made_with() | keys[n]}) is None]
     report_reuse(len(items) - len(missing), len(items), folder)
-    work = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(
-        joblib.delayed(finish)(
-            files[name], keys[name], partial(measure, name, items[name], **settings)
-        )
-        for name in missing
-    )
+    tasks = [(files[n], keys[n], partial(measure, n, items[n], **settings)) for n in missing]
     with tqdm(total=len(items), initial=len(items) - len(missing), desc=desc) as bar:
-        for _ in work:
+        for _ in in_processes(finish, tasks, jobs):
             bar.update()
     return {name: read_json(files[name])["records"] for name in items}
 
@@ -145,12 +135,9 @@ def make_shards(
         How many are there in the end.
     """
     missing = [number for number, file in enumerate(files) if not file.exists()]
-    work = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(
-        joblib.delayed(make)(files[number], number) for number in missing
-    )
     there = len(files) - len(missing)
     with tqdm(total=len(files), initial=there, desc=desc, unit="shard") as bar:
-        for made in work:
+        for made in in_processes(make, [(files[n], n) for n in missing], jobs):
             there += made
             bar.update(made)
     return there

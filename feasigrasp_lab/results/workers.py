@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
+import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
 import joblib
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp_lab.results.finished import made_with
+from feasigrasp.runs.results.provenance import git_revision, versions
 
 Result = TypeVar("Result")
 
@@ -96,6 +100,48 @@ def in_threads(
     yield from parallel(joblib.delayed(one)(name) for name in tasks)
 
 
+def in_processes(
+    work: Callable[..., Result],
+    tasks: Sequence[tuple[Any, ...]],
+    jobs: int,
+    *,
+    ordered: bool = False,
+) -> Iterator[Result]:
+    """Does the tasks in processes that end with this one, however that ends.
+
+    Args:
+        work: Does one; its arguments are those of the task.
+        tasks: Arguments of each.
+        jobs: Processes.
+        ordered: Whether results come in the order of the tasks.
+
+    Yields:
+        The result of each.
+    """
+    how = "generator" if ordered else "generator_unordered"
+    yield from joblib.Parallel(jobs, return_as=how)(
+        joblib.delayed(_in_process)(os.getpid(), work, task) for task in tasks
+    )
+
+
+def _in_process(command: int, work: Callable[..., Result], task: tuple[Any, ...]) -> Result:
+    if os.getpid() != command:
+        _end_with(command)
+    return work(*task)
+
+
+@cache
+def _end_with(parent: int) -> None:
+    """Ends this process within a second of its parent; loky's would wait in a pipe for ever."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 def on_cluster(
     work: Callable[..., Result], tasks: Mapping[str, tuple[Any, ...]], address: str
 ) -> Iterator[tuple[str, Result | Exception]]:
@@ -131,6 +177,11 @@ def on_cluster(
             failure = future.exception()
             yield names[future], future.result() if failure is None else failure
             future.release()
+
+
+def made_with() -> dict[str, Any]:
+    """The code that results depend on: its revision and the versions."""
+    return {"git": git_revision(), "versions": versions()}
 
 
 def about_worker() -> dict[str, Any]:

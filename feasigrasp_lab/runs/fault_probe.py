@@ -21,10 +21,6 @@ from feasigrasp.scenario.files import parse_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 
-#: A joint that turns more slowly than this is at rest [rad/s].
-_REST = 0.01
-#: When what is known of the object ends in `blind_pairs` [s], and when they end.
-_BLIND_FROM, _BLIND_UNTIL = 0.5, 2.5
 #: Where the object goes then, one way or the other, before the arm could feel it [m], [s].
 _AWAY, _QUICKLY = ([1.3, 0.3, 0.55], [1.3, -0.3, 0.55]), 0.4
 
@@ -100,8 +96,10 @@ def blind_pairs(scenario: Scenario) -> dict[str, tuple[Scenario, Scenario]]:
     used either; in the others the object leaves to different places at an instant from which on
     there is no image and no new pose.
     """
+    # When what is known of the object ends in `blind_pairs` [s], and when they end.
+    blind_from, blind_until = 0.5, 2.5
     plain = copy.deepcopy(scenario)
-    plain.simulation_duration = _BLIND_UNTIL
+    plain.simulation_duration = blind_until
     nan, lost = (copy.deepcopy(plain) for _ in range(2))
     nan.faults = [PoseNan()]
     lost.tracker.dropout = 1.0
@@ -109,8 +107,8 @@ def blind_pairs(scenario: Scenario) -> dict[str, tuple[Scenario, Scenario]]:
     for name, kind in (("pose_nan_later", PoseNan), ("pose_frozen", PoseFrozen)):
         one, other = (copy.deepcopy(plain) for _ in range(2))
         for each, place in zip((one, other), _AWAY, strict=True):
-            leaving = ObjectMoved(start=_BLIND_FROM, to=place, ramp=_QUICKLY)
-            each.faults = [kind(start=_BLIND_FROM), CameraGone(start=_BLIND_FROM), leaving]
+            leaving = ObjectMoved(start=blind_from, to=place, ramp=_QUICKLY)
+            each.faults = [kind(start=blind_from), CameraGone(start=blind_from), leaving]
         pairs[name] = one, other
     return pairs
 
@@ -155,8 +153,9 @@ def rest_times(text: str, lost_at: float) -> Rest:
 
 def rest_of(log: ArmLog, due: float) -> Rest:
     """The same, by what the arm did, and when the stated silence ends [s]."""
+    # A joint that turns more slowly than this is at rest [rad/s].
     moving, commanded = (
-        log.times[(np.abs(speeds).max(axis=1) > _REST) & (log.times > due)]
+        log.times[(np.abs(speeds).max(axis=1) > 0.01) & (log.times > due)]
         for speeds in (log.measured, log.commanded)
     )
     # What a command follows that is in motion: the end of the silence, or a later touch.

@@ -35,10 +35,6 @@ from feasigrasp.systems.station.object_servo import force_on
 
 #: Rate at which the distance between the pads shrinks, as in grasping [m/s].
 CLOSING_SPEED = 0.15
-#: Commanded distance between closed pads: they squeeze whatever is between [m].
-CLOSED = -0.05
-#: The object is carried, as before any grasp, until the fingers have squeezed so long [s].
-SQUEEZE_TIME = 0.15
 #: Its weight comes on the fingers within this time; then the hand lifts, and shakes [s].
 RAMP_TIME, LIFT_TIME, SHAKE_PERIOD = 0.1, 0.2, 0.25
 #: Acceleration of the lift and amplitude of the shaking along x, y, z in turn [m/s^2].
@@ -103,7 +99,8 @@ class HandLoad(LeafSystem):
         I_BBcm = inertia.CalcRotationalInertia().CopyToFullMatrix3()
         self._object = DrivenBody(inertia.get_mass(), I_BBcm, np.zeros(3), _SERVO_FREQUENCY)
         self._opening = opening
-        self.let_go = opening / CLOSING_SPEED + SQUEEZE_TIME
+        # The object is carried, as before any grasp, until the fingers have squeezed so long [s].
+        self.let_go = opening / CLOSING_SPEED + 0.15
         self.end = self.let_go + RAMP_TIME + LIFT_TIME + 3.0 * SHAKE_PERIOD
         self._state = self.DeclareVectorInputPort("state", 13)
         self._pose = self.DeclareNumericParameter(BasicVector(np.eye(4).ravel()))
@@ -117,10 +114,12 @@ class HandLoad(LeafSystem):
         context.get_mutable_numeric_parameter(self._pose).SetFromVector(np.ravel(X_GO))
 
     def _calc_finger(self, context: Context, output: BasicVector) -> None:
+        # Commanded distance between closed pads: they squeeze whatever is between [m].
+        closed = -0.05
         opening = self._opening - CLOSING_SPEED * context.get_time()
-        closing = opening > CLOSED
+        closing = opening > closed
         speed = -CLOSING_SPEED if closing else 0.0
-        output.SetFromVector([0.5 * max(opening, CLOSED), 0.5 * speed])
+        output.SetFromVector([0.5 * max(opening, closed), 0.5 * speed])
 
     def _calc_force(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
         wrench = np.zeros(6)
@@ -140,8 +139,6 @@ _PLANT = MultibodyPlantConfig(
     contact_model="hydroelastic_with_fallback",
     discrete_contact_approximation="lagged",
 )
-#: The point that was between the pads may move this far from there [m].
-HELD_WITHIN = 0.03
 #: Pads closer than this hold nothing [m].
 _EMPTY = 5e-4
 _CHECK_EVERY = 0.1
@@ -242,7 +239,8 @@ class FloatingGripper:
         moved = np.linalg.norm(X_GO_now.multiply(X_GO.inverse().translation()))
         if closing and opening < _EMPTY:
             return Trial(False, "missed")
-        if moved > HELD_WITHIN or opening < _EMPTY:
+        # The point that was between the pads may move this far from there [m].
+        if moved > 0.03 or opening < _EMPTY:
             return Trial(False, "pushed away" if closing else "dropped")
         return Trial(True, "held")
 

@@ -23,8 +23,6 @@ from feasigrasp.systems.hardware.priority import DRIVER, real_time
 
 #: How late messages are, that are late, at most [s].
 LATE = 0.03
-#: What share of the messages is doubled, or overtaken by others.
-SHARE = 0.2
 #: Starts the impairment in a process.
 _BEGIN = signal.SIGUSR1
 #: How long it rests when nothing is there to be carried [s].
@@ -75,7 +73,8 @@ class Relay:
                 return
             if channel.startswith(_IMAGES) and self._fault is Network.DEPTH_NAN:
                 data = _nan_depth(data)
-            faulted = self._rng.random() < SHARE
+            # What share of the messages is doubled, or overtaken by others.
+            faulted = self._rng.random() < 0.2
             if self._fault is Network.LATE or (faulted and self._fault is Network.DISORDERED):
                 copies = [now + LATE * self._rng.random()]
             if faulted and self._fault is Network.DOUBLED:

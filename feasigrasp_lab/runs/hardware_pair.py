@@ -26,11 +26,6 @@ from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.remote.worker import SERVING
 from feasigrasp_lab.runs.hardware_network import Network, RelayProcess
 
-#: How long a pair of processes may take from its start to its end [s].
-PATIENCE = 900.0
-#: How long the controller may take from the end of the simulation to its own [s].
-LAST_WORDS = 60.0
-
 
 class ProcessFault(StrEnum):
     """Process fault: a signal to the controller or to one of its workers."""
@@ -142,7 +137,8 @@ def _watch(
         lcm.Subscribe(channels.IIWA_STATUS, times.status),
         lcm.Subscribe(channels.IIWA_REQUEST, times.request),
     ]
-    faulted, deadline = False, time.monotonic() + PATIENCE
+    # How long a pair of processes may take from its start to its end [s].
+    faulted, deadline = False, time.monotonic() + 900.0
     while sim.poll() is None and time.monotonic() < deadline:
         lcm.HandleSubscriptions(20)
         if not faulted and fault and times.now >= times.first + at:
@@ -196,7 +192,8 @@ class _Times:
 def _wait_for(controller: subprocess.Popen[bytes]) -> None:
     """Waits for a controller to end by itself, as its messages stop."""
     with suppress(subprocess.TimeoutExpired):
-        controller.wait(LAST_WORDS)
+        # How long the controller may take from the end of the simulation to its own [s].
+        controller.wait(60.0)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -32,8 +32,8 @@ from feasigrasp.runs.results.rows import write_json
 from feasigrasp.runs.run import crash_record, run
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.results.finished import Record, made_with, read_finished, report_reuse
-from feasigrasp_lab.results.workers import in_threads, on_cluster
+from feasigrasp_lab.results.finished import Record, read_finished, report_reuse
+from feasigrasp_lab.results.workers import in_threads, made_with, on_cluster
 from feasigrasp_lab.runs.plan import PlannedRun
 
 

@@ -23,8 +23,6 @@ from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.results.workers import Shard
 from feasigrasp_lab.runs.studies import STUDIES, Study, study_of, suffix_of
 
-#: With ``--quick``, a run that does not end by itself is broken off [s].
-_QUICK_DURATION = 6.0
 #: Seeds from here on are those of the test split, and no tuning sees them.
 FIRST_TEST_SEED = 500
 #: Generated objects of the test split.
@@ -231,7 +229,8 @@ def _quick(args: argparse.Namespace, planned: PlannedRun) -> PlannedRun:
     """The run, broken off early with ``--quick`` if it does not end by itself."""
     scenario = planned.scenario
     if args.quick and not scenario.grasp.close:
-        scenario.simulation_duration = min(scenario.simulation_duration, _QUICK_DURATION)
+        # With ``--quick``, a run that does not end by itself is broken off [s].
+        scenario.simulation_duration = min(scenario.simulation_duration, 6.0)
     return planned
 
 

@@ -56,8 +56,6 @@ from feasigrasp.systems.station.directives import cell_directives
 #: Makes the controller of a scenario; its ports are those of `GraspController`.
 ControllerFactory = Callable[[Scenario, Reachability], LeafSystem]
 
-_SURFACE_POINTS = 512
-
 #: Every metric of a rollout.
 ROLLOUT_METRICS: dict[str, Metric] = METRICS | {
     "regrip_cost_cm": Metric(
@@ -112,11 +110,12 @@ def object_grasps(model: str, scale: float = 1.0, seed: int = 0, n_grasps: int =
         seed: Seed of the surface points and of the approach directions.
         n_grasps: Most grasps returned.
     """
+    surface_points = 512
     mesh = load_object(model, scale=scale).mesh
     state = np.random.RandomState(seed)  # what trimesh samples with
     weights = mesh.area_faces / mesh.area_faces.sum()
-    faces = state.choice(len(weights), _SURFACE_POINTS, p=weights)
-    a, b = np.sort(state.random_sample((2, _SURFACE_POINTS, 1)), axis=0)
+    faces = state.choice(len(weights), surface_points, p=weights)
+    a, b = np.sort(state.random_sample((2, surface_points, 1)), axis=0)
     corners = mesh.triangles[faces]
     points = a * corners[:, 0] + (b - a) * corners[:, 1] + (1.0 - b) * corners[:, 2]
     return AntipodalSampler(n_grasps=n_grasps, seed=seed)(fit_gpdf(points))

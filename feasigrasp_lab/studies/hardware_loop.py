@@ -31,8 +31,6 @@ from feasigrasp_lab.runs.hardware_pair import ProcessFault, run_pair
 from feasigrasp_lab.runs.isolated import run_all
 from feasigrasp_lab.runs.plan import PlannedRun, Split, add_scenario_arguments, plan
 
-#: Instants of a fault are drawn from this time after the first command [s].
-_DURING = (0.5, 6.0)
 #: Metrics that say that a limit was broken: their share of samples or ticks [%].
 LIMITS = (
     "joint_limit_violation_percent",
@@ -110,12 +108,13 @@ def planned_pairs(
     faults += [network for network in Network for _ in range(networks)]
     plain = [(run, "") for run in runs]
     faulted = list(zip(itertools.cycle(runs), faults, strict=False))
+    # Instants of a fault are drawn from this time after the first command [s].
     return {
         f"{number}-{fault or 'none'}-{run.id}": {
             "object": run.scenario.object.model,
             "text": dump_scenario(run.scenario),
             "fault": str(fault),
-            "at": float(rng.uniform(*_DURING)),
+            "at": float(rng.uniform(0.5, 6.0)),
         }
         for number, (run, fault) in enumerate([*plain, *faulted])
     }

@@ -25,13 +25,6 @@ from feasigrasp_lab.arm.self_collision import in_collision, min_distance
 from feasigrasp_lab.peers.drake_arm import DrakeArm
 from feasigrasp_lab.results.finished import finish
 
-#: A configuration counts as found again within this [rad].
-SAME_CONFIGURATION = 1e-6
-#: Uniform configurations behind the row of preset ``default`` of the collisions.
-JUDGED = 100_000
-#: Configurations closer to contact are not judged: the two programs round differently [m].
-CONTACT = 1e-9
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
@@ -83,9 +76,10 @@ def inverse_rows(n: int, seed: int, folder: Path) -> list[Row]:
     position, rotation, away = (np.nan_to_num(x, nan=np.inf) for x in (position, rotation, away))
     _write(folder / "inverse.csv", "position_m,rotation_rad,away_rad", position, rotation, away)
     residual = max(position.max(), rotation.max())
+    # A configuration counts as found again within this [rad].
     return [
         Row.plain("kinematics.ik_residual_max", "default", residual, "m|rad", n),
-        Row.percent("kinematics.ik_recovered_percent", "default", away <= SAME_CONFIGURATION),
+        Row.percent("kinematics.ik_recovered_percent", "default", away <= 1e-6),
     ]
 
 
@@ -96,6 +90,8 @@ def collision_rows(n: int, seed: int, folder: Path) -> list[Row]:
     The others name the configurations and which of Drake's two queries was asked, the checker's
     or ``has_collisions``; see `DrakeArm.in_collision` for why these two are not always of one mind.
     """
+    # Uniform configurations behind the row of preset ``default`` of the collisions.
+    judged = 100_000
     rng = np.random.default_rng([seed, 2])
     drake = DrakeArm()
     rows, disagreements = [], []
@@ -106,7 +102,7 @@ def collision_rows(n: int, seed: int, folder: Path) -> list[Row]:
         ours = in_collision(Q)
         verdicts = {"checker": drake.in_collision(Q), "has_collisions": drake.has_collisions(Q)}
         if kind == "uniform":
-            rows += _mismatch_rows("default", Q[:JUDGED], ours[:JUDGED], verdicts["checker"])
+            rows += _mismatch_rows("default", Q[:judged], ours[:judged], verdicts["checker"])
         for query, theirs in verdicts.items():
             rows += _mismatch_rows(f"{kind}/{query}", Q, ours, theirs)
         checker, simple = verdicts.values()
@@ -122,7 +118,8 @@ def collision_rows(n: int, seed: int, folder: Path) -> list[Row]:
 def _mismatch_rows(preset: str, Q: Array, ours: Mask, theirs: Mask) -> list[Row]:
     n = len(ours)
     differ = Q[ours != theirs[:n]]
-    touching = sum(abs(min_distance(q)) < CONTACT for q in differ)
+    # Configurations closer to contact are not judged: the two programs round differently [m].
+    touching = sum(abs(min_distance(q)) < 1e-9 for q in differ)
     counts = {
         "collision_mismatches": len(differ) - touching,
         "collision_at_contact": touching,

@@ -67,8 +67,6 @@ QUICK_OBJECTS = 8
 #: Friction of object and fingers in the simulation.
 FRICTION = 0.6
 GRIPPER = ParallelGripper()
-#: So many grasps are a choice, whether they are true or not.
-TEN = 10
 #: Deviations of the noise that the baseline's directions are compared with a known mixture at
 #: [rad and units of length], and poses.
 NOISE, NOISED_POSES = (0.03, 0.2, 0.7), 200_000
@@ -241,9 +239,10 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
             graspable = [r for r in found if r["graspable"]]
             # Coverage is asked for with one view; other conditions are named.
             suffix = (condition != "1view") * f".{condition}"
+            # So many grasps are a choice, whether they are true or not.
             for name, counted in (
                 ("sampler.coverage_percent", [r["valid"] > 0 for r in graspable]),
-                ("sampler.ten_offered_percent", [r["grasps"] >= TEN for r in graspable]),
+                ("sampler.ten_offered_percent", [r["grasps"] >= 10 for r in graspable]),
             ):
                 rows.append(_share(name + suffix, preset, graspable, counted))
         for choice in ("top1", "random"):

@@ -33,8 +33,6 @@ from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 PRESETS = ("paper", "default")
-#: Groups of equally many completed points, by predicted deviation.
-_BINS = 12
 #: Standard deviation of the tracked pose in the ``3views_tracked`` condition: [m] and [rad].
 TRACKING = (0.002, float(np.deg2rad(1.0)))
 #: What is looked at how: number of views and tracking noise.
@@ -187,7 +185,8 @@ def write_reliability(records: Sequence[Record], folder: Path) -> list[Row]:
 
 def _binned(predicted: Array, error: Array) -> Array:
     """Mean prediction, mean and 90 % quantile of the error, and count of each bin, (b, 4)."""
-    parts = [part for part in np.array_split(np.argsort(predicted), _BINS) if len(part)]
+    # Groups of equally many completed points, by predicted deviation.
+    parts = [part for part in np.array_split(np.argsort(predicted), 12) if len(part)]
     return np.array(
         [[predicted[p].mean(), error[p].mean(), np.quantile(error[p], 0.9), len(p)] for p in parts]
     )

@@ -42,12 +42,8 @@ from feasigrasp_lab.tracking.trackers import OurTracker, Tracker
 _POINTS, _GATE = 1500, 0.01
 #: Scale of the robust kernel [m], and steps.
 _SCALE, _STEPS = 2e-3, 15
-#: An image with fewer points is not registered; a first one needs so many.
-_LEAST, _FIRST = 80, 300
 #: A registration that fits fewer of the points is not accepted, or not merged.
 _ACCEPTED, _MERGED = 0.6, 0.85
-#: The twist is the mean over so many images.
-_WINDOW = 6
 
 #: From points, model points, model normals and a start to X_model_points and the share of inliers.
 Registration = Callable[[Array, Array, Array, Array], tuple[Array, float]]
@@ -130,21 +126,24 @@ class PeerTracker:
 
     def looked(self, view: ObjectView, time: float) -> None:
         """Takes in an image."""
+        # An image with fewer points is not registered; a first one needs so many.
+        least, first = 80, 300
         self._view, self.measured, self._fit = view, False, 0.0
         if not self._poses:
-            if len(view.points_W) >= _FIRST:
+            if len(view.points_W) >= first:
                 X = se3.make_pose(np.eye(3), np.median(view.points_W, axis=0))
                 self._poses, self.measured, self._fit = [(time, X)], True, 1.0
             return
         X = se3.extrapolate(self._poses[-1][1], self.V_WO, time - self._poses[-1][0])
-        if len(view.points_W) >= _LEAST and len(self._cloud.points):
+        if len(view.points_W) >= least and len(self._cloud.points):
             points = view.points_W[:: -(-len(view.points_W) // _POINTS)]
             X_OW, self._fit = self._registration(
                 points, self._cloud.points, self._cloud.normals, se3.inverse(X)
             )
             if self._fit >= _ACCEPTED:
                 X, self.measured = se3.inverse(X_OW), True
-        self._poses = [*self._poses[1 - _WINDOW :], (time, X)]
+        # The twist is the mean over so many images.
+        self._poses = [*self._poses[1 - 6 :], (time, X)]
 
     def learnt(self) -> bool:
         """Merges the last image where the same rule as ours asks for it."""
@@ -176,13 +175,9 @@ KINDS = {
     # It follows some way behind a grasp, as far as both sensors can measure, and does not close.
     "follow": ("", "{grasp: {close: false, standoff: 0.15}}", 60.0),
 }
-#: Something hides the object in the observing runs, in a run of its own [s].
-HIDDEN = (3.0, 4.0)
 #: A tracker is on the object when its surface is this near [mm]; after a gap it is back if it is
 #: within a time [s].
 _ON_OBJECT, _BACK_WITHIN = 10.0, 1.0
-#: Twist and prediction count from here on [s].
-_SETTLED = 0.5
 #: Figures per image: column, row, unit and percentile.
 FIGURES = (
     ("surface_mm", "tracking.surface_mm.median", "mm", 50.0),
@@ -230,7 +225,8 @@ def judge_object(
             text = f"{{object: {{model: {path!r}}}, random_seed: {number}}}"
             file = Path(folder) / f"{name}_{kind}_{number}.npz"
             recording = recorded(file, scenario, (text, change), duration, Path(path))
-            gaps = {"": (0.0, 0.0)} | ({"/hidden": HIDDEN} if kind == "observe" else {})
+            # Something hides the object in the observing runs, in a run of its own [s].
+            gaps = {"": (0.0, 0.0)} | ({"/hidden": (3.0, 4.0)} if kind == "observe" else {})
             for (sensor_name, sensor), (gap, hidden) in product(SENSORS.items(), gaps.items()):
                 trackers = _trackers(with_peers=kind != "follow")
                 judged = judge(trackers, recording, sensor, truth, number, hidden)
@@ -259,7 +255,8 @@ def _warm_up(truth: TrueObject, name: str, path: str, folder: Path) -> None:
 def _figures(frames: list[Frame], hidden: tuple[float, float]) -> Record:
     """What is said of one run."""
     rows = [asdict(frame) for frame in frames if frame.hold]
-    settled = [r for r in rows if r["time"] >= _SETTLED]
+    # Twist and prediction count from here on [s].
+    settled = [r for r in rows if r["time"] >= 0.5]
     late = ("speed_mm_s", "turn_rad_s", "prediction_mm", "spin_rad_s")
     result: Record = {}
     for column, name, _, percentile in FIGURES:

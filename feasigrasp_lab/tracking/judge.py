@@ -29,13 +29,6 @@ from feasigrasp_lab.tracking.recording import RATE, Recording, Sensor, images
 from feasigrasp_lab.tracking.trackers import Tracker
 from feasigrasp_lab.training.data.raycasting import Raycaster
 
-#: Points of the true surface that are compared.
-_SAMPLES = 400
-#: Points for the test of symmetry.
-_SYMMETRY_SAMPLES = 3000
-#: Mean square of what a turn moves the surface across itself, over the square of its size, below
-#: which the object is round: the built-in ones are below 0.002 or above 0.02.
-_ROUND = 5e-3
 #: How far ahead poses are predicted [s].
 HORIZON = 0.5
 #: An image with fewer points of the object does not show it.
@@ -93,13 +86,15 @@ class TrueObject:
 
     @cached_property
     def _samples(self) -> tuple[Array, Array]:
-        points, faces = self._mesh.sample(_SAMPLES, return_index=True, seed=0)
+        # Points of the true surface that are compared.
+        points, faces = self._mesh.sample(400, return_index=True, seed=0)
         return np.asarray(points), np.asarray(self._mesh.face_normals[faces])
 
     @cached_property
     def axes(self) -> Array:
         """Axes of symmetry in the object's frame: one of a can, three of a ball, shape (k, 3)."""
-        points, faces = self._mesh.sample(_SYMMETRY_SAMPLES, return_index=True, seed=0)
+        # Points for the test of symmetry.
+        points, faces = self._mesh.sample(3000, return_index=True, seed=0)
         lever = np.asarray(points) - np.mean(points, axis=0)
         size = float(np.sqrt(np.square(lever).sum(axis=1).mean()))
         rows = jacobian(lever / size, np.asarray(self._mesh.face_normals[faces]))
@@ -107,7 +102,9 @@ class TrueObject:
         # What is left of a turn if the object is shifted back as well as can be.
         turns = H[:3, :3] - H[:3, 3:] @ np.linalg.solve(H[3:, 3:], H[3:, :3])
         values, vectors = np.linalg.eigh(turns)
-        return np.asarray(vectors[:, values < _ROUND].T)
+        # Mean square of what a turn moves the surface across itself, over the square of its size,
+        # below which the object is round: the built-in ones are below 0.002 or above 0.02.
+        return np.asarray(vectors[:, values < 5e-3].T)
 
     def surface_error(self, X: Array, X_true: Array) -> float:
         """Mean distance of the surface at one pose from that at the other [m]."""

@@ -26,7 +26,8 @@ from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
-from feasigrasp_lab.results.finished import finished_arrays, made_with, write_arrays
+from feasigrasp_lab.results.finished import finished_arrays, write_arrays
+from feasigrasp_lab.results.workers import made_with
 
 
 @dataclass(frozen=True)
@@ -85,8 +86,6 @@ def images(
 RATE = 30.0
 #: Unit of the stored depths [m].
 _STEP = 1e-4
-#: A recording ends so long after the object was let go [s].
-_AFTER = 0.3
 #: What the camera's owner would have to add: depths from here on are recorded [m].
 _NEAR = 0.03
 
@@ -146,7 +145,8 @@ def record(scenario: str, changes: Sequence[str], duration: float) -> Recording:
         return station.GetOutputPort(name).Eval(at)
 
     label, rows, let_go = int(station.object_body.index()), [], np.inf
-    while context.get_time() <= min(duration, let_go + _AFTER) - 1e-6:
+    # A recording ends so long after the object was let go [s].
+    while context.get_time() <= min(duration, let_go + 0.3) - 1e-6:
         depth = output("wrist_camera.depth_image").data[:, :, 0].astype(float)
         whole = np.round(np.where(np.isfinite(depth), depth, 0.0) / _STEP)
         hold = bool(sequencer.GetOutputPort("object_hold").Eval(hand)[0] > 0.5)

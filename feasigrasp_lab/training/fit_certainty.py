@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 
-import joblib
 import numpy as np
 from scipy.optimize import minimize
 from tqdm import tqdm
@@ -33,7 +32,7 @@ from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.shape.gpdf import INVENTED, MARGIN_GROWTH, Gpdf
 from feasigrasp.runs.results.arguments import add_run_arguments, positive
 from feasigrasp.runs.results.rows import write_json
-from feasigrasp_lab.results.finished import made_with
+from feasigrasp_lab.results.workers import in_processes, made_with
 from feasigrasp_lab.training.data.grasp_examples import fuse_and_complete
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT, TRAINED, make_shape
@@ -44,8 +43,6 @@ Cases = dict[str, tuple[Array, Mask]]
 
 #: Seeds of shapes from here on are used by nothing else.
 FIRST_SEED = 20_000_000
-#: How often an object is seen from one, two and three sides.
-_VIEWS = (1, 1, 1, 2, 3)
 #: The coefficients, in the order in which they build on each other.
 NAMES = (
     *("CONTACT", "JOINT_CONTACT", "THIN_CONTACT"),
@@ -72,7 +69,8 @@ def object_cases(family: str, number: int) -> Cases:
     """What field and network say of grasps of one shape, and what is true."""
     obj = make_shape(family, number)
     viewed, truth, rng = ViewedObject(obj), TrueGrasps(obj.mesh), np.random.default_rng(number)
-    cameras = turning_views(rng, viewed.center, int(rng.choice(_VIEWS)))
+    # How often an object is seen from one, two and three sides.
+    cameras = turning_views(rng, viewed.center, int(rng.choice((1, 1, 1, 2, 3))))
     try:
         field = fuse_and_complete([viewed.view(X_OC, rng) for X_OC in cameras])
     except PointCloudError:  # it can hardly be seen from there
@@ -158,9 +156,7 @@ def stages(cases: Cases) -> Iterator[tuple[str, tuple[float, ...], float, int]]:
 def main(args: argparse.Namespace) -> int:
     """Fits and prints the coefficients, and writes ``success_probability.json``."""
     shapes = shape_names(args.objects, args.seed)
-    made = joblib.Parallel(n_jobs=args.jobs, return_as="generator")(
-        joblib.delayed(object_cases)(*shape) for shape in shapes
-    )
+    made = in_processes(object_cases, shapes, args.jobs, ordered=True)
     all_cases = [c for c in tqdm(made, total=len(shapes), desc="objects") if c]
     cases: Cases = {}
     for name in NAMES:

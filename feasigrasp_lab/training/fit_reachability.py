@@ -33,8 +33,6 @@ from feasigrasp_lab.training.reachability.reachable_poses import (
 )
 
 SWEEP = (8, 16, 32, 64, 96, 128)
-#: Share of reachable poses whose log density exceeds the threshold.
-COVERED = 0.99
 #: Arguments that decide the samples and the fits, beside the arm.
 _DECISIVE = ("samples", "fit_poses", "seed", "weighting", "tool", "floor")
 
@@ -209,7 +207,8 @@ def _fit(
 
         rng = np.random.default_rng([args.seed, k])
         mixture, likelihood = fit_large_mixture(poses, k, rng, fit, progress)
-    threshold = float(np.quantile(log_densities(held_out, pack(mixture)), 1.0 - COVERED))
+    # Share of reachable poses whose log density exceeds the threshold.
+    threshold = float(np.quantile(log_densities(held_out, pack(mixture)), 1.0 - 0.99))
     return ReachableSpace(mixture, threshold, {**metadata, "log_likelihood_per_pose": likelihood})
 
 

@@ -27,7 +27,7 @@ from feasigrasp.models.arrays import Indices
 from feasigrasp.outputs import replacing
 from feasigrasp.runs.results.arguments import minutes, positive
 from feasigrasp.runs.results.rows import write_json
-from feasigrasp_lab.results.finished import made_with
+from feasigrasp_lab.results.workers import made_with
 
 Network = TypeVar("Network", bound=nn.Module)
 

@@ -51,8 +51,6 @@ _ENTRIES = (
     *("points", "normals", "contact", "closing", "width", "across", "free"),
     *("family", "object_seed"),
 )
-#: Candidates that are tried for each pose that is kept.
-_TRIES = 3
 #: Distances are taken so near to the surface [m], and in a box that is larger by so much [m].
 _NEAR, _BESIDE = 0.01, 0.08
 
@@ -111,7 +109,8 @@ def valid_poses(truth: TrueGrasps, example: dict[str, Any], rng: np.random.Gener
     point, turn = np.nonzero(example["free"] & example["contact"][:, None])
     if len(point) == 0:
         return np.zeros((0, 4, 4))
-    some = rng.integers(len(point), size=_TRIES * POSES)
+    # Candidates that are tried for each pose that is kept.
+    some = rng.integers(len(point), size=3 * POSES)
     point, turn = point[some], turn[some]
     b, u = (example[name][point].astype(float) for name in ("closing", "across"))
     angle = (2.0 * np.pi / example["free"].shape[1] * turn)[:, None]
@@ -141,16 +140,6 @@ def _truth(family: str, seed: int) -> TrueGrasps:
             f"{error}: grasp diffusion learns on our own shapes; make them with `feasigrasp train "
             "sampler-data` without --meshes"
         ) from error
-
-
-#: What ``--quick`` trains on, and for how long [min].
-QUICK_SHARDS, QUICK_MINUTES = 8, 1.0
-#: Points of a cloud and places beside it that a step looks at.
-POINTS, PLACES = 256, 64
-#: Signed distances beyond this are all the same, in units; the authors clip there.
-_FARTHEST = 0.6
-#: Examples of one evaluation at a time.
-_AT_ONCE = 8
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -209,9 +198,11 @@ class Training(TrainingRun[PoseEnergy]):
 
     def measure(self) -> dict[str, float]:
         """Both parts of the loss on the same noise every time."""
+        # Examples of one evaluation at a time.
+        at_once = 8
         scores, fine, distances = [], [], []
-        for start in range(0, len(self.held_out), _AT_ONCE):
-            rows = np.arange(start, min(start + _AT_ONCE, len(self.held_out)))
+        for start in range(0, len(self.held_out), at_once):
+            rows = np.arange(start, min(start + at_once, len(self.held_out)))
             batch = self._drawn(self.held_out, rows, -1 - start)
             score, distance = (part.detach() for part in errors(self.averaged, batch))
             scores.append(score.mean(-1).flatten())
@@ -229,8 +220,10 @@ class Training(TrainingRun[PoseEnergy]):
         GraspDiffusion(self.averaged).save(self.folder / self.weights)
 
     def _drawn(self, examples: PoseExamples, rows: np.ndarray, number: int) -> Batch:
+        # Points of a cloud and places beside it that a step looks at.
+        points, places = 256, 64
         rng = np.random.default_rng([self.args.seed, number & 0xFFFFFFFF, 1])
-        sizes = {"points": POINTS, "poses": self.args.poses, "places": PLACES}
+        sizes = {"points": points, "poses": self.args.poses, "places": places}
         batch = examples.batch(rows, rng, **sizes)
         return Batch(*(part.to(self.args.device) for part in batch))
 
@@ -244,18 +237,22 @@ def errors(network: PoseEnergy, batch: Batch) -> tuple[Tensor, Tensor]:
     Returns:
         Shapes (B, P, 6) and (B, S), the latter in units.
     """
+    # Signed distances beyond this are all the same, in units; the authors clip there.
+    farthest = 0.6
     cloud = network.encode(batch.points, batch.normals)
     found = network.gradient(cloud, batch.R, batch.p, batch.time, train=True)
     deviation = standard_deviation(batch.time).unsqueeze(-1)
     score = (deviation * (found - batch.gradient)).abs()
     distance = network.features(cloud, batch.places, batch.axes, batch.times)[..., 0]
-    clipped = (part.clamp(-_FARTHEST, _FARTHEST) for part in (distance, batch.distance))
+    clipped = (part.clamp(-farthest, farthest) for part in (distance, batch.distance))
     return score, torch.sub(*clipped).abs()
 
 
 @without_denormals()
 def main(args: argparse.Namespace) -> int:
     """Trains, or goes on with training."""
+    # What ``--quick`` trains on, and for how long [min].
+    quick_shards, quick_minutes = 8, 1.0
     shards = sorted(args.data.glob("shape_*.npz"))
     if not shards:
         raise TrainingError(
@@ -263,9 +260,9 @@ def main(args: argparse.Namespace) -> int:
             "train sampler-data`, or name their folder with --data"
         )
     if args.quick:
-        shards = shards[:QUICK_SHARDS]
+        shards = shards[:quick_shards]
         if args.steps is None and args.minutes is None:
-            args.minutes = QUICK_MINUTES
+            args.minutes = quick_minutes
     files = [args.out / "poses" / shard.name for shard in shards]
     make = partial(write_hand_poses, shards=shards)
     make_shards(files, make, jobs=args.jobs, desc="hand poses")

@@ -107,18 +107,6 @@ Pictures = tuple[NDArray[np.float16], NDArray[np.float16]]
 
 #: Objects of a shard.
 SHARD = 64
-#: Steps between two lines of the curve.
-EVERY = 200
-#: Fewer points than this are no picture.
-MIN_POINTS = 30
-#: From how many directions an object is looked at; one of these at random.
-_VIEWS = (1, 1, 2, 3)
-#: It turns by so much between two views, least and most [deg].
-_TURN = (10.0, 120.0)
-#: Rays start this far behind the middle of the object [m].
-_BEHIND = 1.0
-#: What ``--quick`` makes and does.
-QUICK_OBJECTS, QUICK_STEPS = 64, 40
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -130,7 +118,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--views", type=positive, default=12, help="Depth images of each shape.")
     parser.add_argument("--steps", type=positive, default=8000, help="Number of training steps.")
     add_loop_arguments(parser, batch=32, rate=2e-3, of="pictures")
-    parser.set_defaults(every=EVERY)
+    # Steps between two lines of the curve.
+    parser.set_defaults(every=200)
     parser.add_argument("--quick", action="store_true", help="Train on a sample, for 1 minute.")
 
 
@@ -143,7 +132,8 @@ def true_thickness(viewed: ViewedObject, image: ViewImage) -> Array:
     rays = image.rays()[image.mask]
     length = np.linalg.norm(rays, axis=1)
     ways = rays @ image.X_OC[:3, :3].T / length[:, None]
-    far = float(image.depth[image.mask].mean()) + _BEHIND
+    # Rays start this far behind the middle of the object [m].
+    far = float(image.depth[image.mask].mean()) + 1.0
     starts = image.X_OC[:3, 3] + far * ways
     back = far - viewed.surface.cast(starts, -ways)[0]
     thickness = np.full(image.mask.shape, np.nan)
@@ -166,9 +156,12 @@ def object_pictures(
     viewed = ViewedObject(stream[index].obj)
     seen, truth = [], []
     for _ in range(views):
-        cameras = turning_views(rng, viewed.center, int(rng.choice(_VIEWS)), _TURN)
+        # From how many directions an object is looked at; one of these at random.
+        # It turns by so much between two views, least and most [deg].
+        cameras = turning_views(rng, viewed.center, int(rng.choice((1, 1, 2, 3))), (10.0, 120.0))
         views_of = [viewed.view(X_OC, rng) for X_OC in cameras]
-        cloud = fused([view for view in views_of if len(view.points) >= MIN_POINTS])
+        # Fewer points than this are no picture.
+        cloud = fused([view for view in views_of if len(view.points) >= 30])
         if not cloud.images:
             continue
         image = cloud.images[rng.integers(len(cloud.images))]
@@ -296,7 +289,9 @@ def _tensor(part: NDArray[np.float16], device: str) -> Tensor:
 @without_denormals()
 def main(args: argparse.Namespace) -> int:
     """Makes the pictures, and trains or goes on with training."""
+    # What ``--quick`` makes and does.
+    quick_objects, quick_steps = 64, 40
     if args.quick:
-        args.objects, args.steps = min(args.objects, QUICK_OBJECTS), min(args.steps, QUICK_STEPS)
+        args.objects, args.steps = min(args.objects, quick_objects), min(args.steps, quick_steps)
     files = make_pictures(args.out / "pictures", args.objects, args.views, args.seed, args.jobs)
     return Training(args, *read_pictures(files)).run()

@@ -160,10 +160,6 @@ def _wrapped(angle: Tensor) -> Tensor:
     return torch.remainder(angle + math.pi, 2.0 * math.pi) - math.pi
 
 
-#: Entry of the random seed that keeps the held-out poses apart from all batches.
-_HELD_OUT = 2**32 - 1
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_run_arguments(parser, out="out/ik_flow", jobs=False)
@@ -235,7 +231,8 @@ class Training(TrainingRun[IkFlowNetwork]):
         torch.manual_seed(args.seed)
         optimizer = torch.optim.Adam, {"lr": args.learning_rate}
         super().__init__(args, IkFlowNetwork(shape), optimizer, identity)
-        self.held_out = training_batch(np.random.default_rng([args.seed, _HELD_OUT]), args.held_out)
+        # Entry of the random seed that keeps the held-out poses apart from all batches.
+        self.held_out = training_batch(np.random.default_rng([args.seed, 2**32 - 1]), args.held_out)
 
     def losses(self) -> dict[str, Tensor]:
         """The negative log likelihood of new samples."""

@@ -40,18 +40,18 @@ METRICS = (
     "closing_deg",
     "approach_valid_percent",
 )
-#: Clouds at a time.
-_CHUNK = 16
 
 
 def held_out_metrics(preset: str, network: nn.Module, examples: Examples) -> dict[str, float]:
     """Loss and errors on examples; NaN where there is nothing to measure."""
+    # Clouds at a time.
+    chunk = 16
     found: dict[str, list[np.ndarray]] = {}
     losses, kinds = [], []
     device = next(network.parameters()).device
     with torch.inference_mode():
-        for start in range(0, len(examples), _CHUNK):
-            rows = np.arange(start, min(start + _CHUNK, len(examples)))
+        for start in range(0, len(examples), chunk):
+            rows = np.arange(start, min(start + chunk, len(examples)))
             contacts, labels = examples.batch(rows, device)
             heads = network(contacts)
             losses.append(len(rows) * float(loss(preset, heads, labels)[0]))
@@ -113,8 +113,6 @@ def average_precision(score: Array, positive: Array) -> float:
 
 #: What ``--quick`` trains on, and for how long [min].
 QUICK_EXAMPLES, QUICK_MINUTES = 60, 1.0
-#: Entry of the random seed that keeps the choice of points apart from that of examples.
-_POINTS = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -175,7 +173,8 @@ class Training(TrainingRun[nn.Module]):
     def losses(self) -> dict[str, Tensor]:
         """The loss of a batch and its parts, at some points of each cloud."""
         seed = self.args.seed
-        rng = np.random.default_rng([seed, self.step, _POINTS])
+        # Entry of the random seed that keeps the choice of points apart from that of examples.
+        rng = np.random.default_rng([seed, self.step, 1])
         chosen = rows_of_step(len(self.examples), self.args.batch, seed, self.step)
         contacts, labels = self.examples.batch(chosen, self.args.device)
         points = rng.random(tuple(labels.contact.shape)).argsort(1)[:, : self.args.points]

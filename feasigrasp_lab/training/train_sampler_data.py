@@ -19,7 +19,8 @@ import numpy as np
 from feasigrasp.errors import MeshError
 from feasigrasp.runs.results.arguments import add_run_arguments, positive
 from feasigrasp.runs.results.rows import write_json
-from feasigrasp_lab.results.finished import made_with, make_shards, write_arrays
+from feasigrasp_lab.results.finished import make_shards, write_arrays
+from feasigrasp_lab.results.workers import made_with
 from feasigrasp_lab.training.data.grasp_examples import object_examples, stacked
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT
 from feasigrasp_lab.training.data.object_streams import ObjectStream

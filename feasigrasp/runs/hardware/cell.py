@@ -107,10 +107,6 @@ class ReceivedCommands:
         return np.diff(self.requests)
 
 
-#: A controller that has said nothing for so long is gone, and the run over [s].
-GONE_AFTER = 2.0
-
-
 def simulate_cell(
     scenario: Scenario,
     name: str,
@@ -271,7 +267,8 @@ class _Monitor:
             return self._end(None)
         if now - self._received.first >= self._scenario.simulation_duration:
             return self._end(None)
-        if now - self._received.requests[-1] >= GONE_AFTER:
+        # A controller that has said nothing for so long is gone, and the run over [s].
+        if now - self._received.requests[-1] >= 2.0:
             return self._end("the controller is gone: it asks for nothing any more")
         return EventStatus.DidNothing()
 

@@ -76,8 +76,6 @@ def _one_per_voxel(points: Array, normals: Array, size: float) -> tuple[Array, A
 #: Everything is drawn below this Meshcat path; its children can be switched off by hand.
 _ROOT = "/perception"
 _GRASP_COLOR, _CLOUD_COLOR = Rgba(0.06, 0.65, 0.25), np.array([[40], [50], [65]], dtype=np.uint8)
-#: Radius of the discs that stand for the completed surface [m].
-_DISC_RADIUS = 0.0022
 
 
 def write_perception_html(perception: Perception, filename: Path) -> None:
@@ -99,7 +97,8 @@ def write_perception_html(perception: Perception, filename: Path) -> None:
     meshcat.SetObject(f"{_ROOT}/cloud", cloud, point_size=0.0015)
 
     surface = dense_surface(perception.gpdf)
-    vertices, faces = disc(_DISC_RADIUS)
+    # Radius of the discs that stand for the completed surface [m].
+    vertices, faces = disc(0.0022)
     colors = np.repeat(uncertainty_colors(perception.gpdf, surface), len(vertices), axis=0)
     frames = frames_along(surface.points, surface.normals)
     vertices, faces = place_copies(frames, vertices, faces)
@@ -124,8 +123,6 @@ UNCERTAINTY_COLORS = LinearSegmentedColormap.from_list(
 )
 #: Distance from the observed surface at which the colours end [m].
 MOST_UNCERTAIN = 0.03
-#: Diameter of the dots of a surface [points], wide enough to close it.
-DOT = 5.5
 #: Grasps shown.
 MAX_SHOWN = 12
 GRASP_COLOR = "#10a040"
@@ -171,6 +168,8 @@ def outlines_at(X_OG: Array, outline: Array) -> Array:
 
 def draw_perception(perception: Perception, filename: Path, title: str = "") -> None:
     """Draws the cloud, the completed surface from both sides, and the grasps, as a PNG."""
+    # Diameter of the dots of a surface [points], wide enough to close it.
+    dot = 5.5
     figure = Figure(figsize=(14.0, 4.6))
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 4)
@@ -186,14 +185,14 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
     draw_points(axes[0], front, perception.cloud.points, (0.25, 0.3, 0.38), size=1.8)
     axes[0].set_title(f"measured: {count} points")
     for ax, viewer, side in ((axes[1], front, "camera's side"), (axes[2], behind, "from behind")):
-        draw_points(ax, viewer, surface.points, colors, size=DOT, normals=surface.normals)
+        draw_points(ax, viewer, surface.points, colors, size=dot, normals=surface.normals)
         ax.set_title(f"completed, {side}")
     for ax, viewer in zip(axes[:3], (front, front, behind), strict=True):
         frame(ax, viewer, everything)
         scale_bar(ax)
 
     draw_points(
-        axes[3], front, surface.points, (0.72, 0.74, 0.78), size=DOT, normals=surface.normals
+        axes[3], front, surface.points, (0.72, 0.74, 0.78), size=dot, normals=surface.normals
     )
     X_OG, hand = shown_grasps(perception), gripper_outline(perception.gripper)
     lines = outlines_at(X_OG, hand)

@@ -18,8 +18,6 @@ CONFIDENCE = 0.95
 #: Quantile of the standard normal distribution with that confidence.
 _Z = float(norm.ppf(0.5 + 0.5 * CONFIDENCE))
 _RESAMPLES = 500
-#: Draws of objects for a mean: they cost next to nothing there.
-_DRAWS = 10_000
 
 Item = TypeVar("Item")
 Key = TypeVar("Key", bound=Hashable)
@@ -183,7 +181,8 @@ def _numbered(objects: Sequence[Hashable]) -> Array:
 @cache
 def _shares_of_draws(k: int) -> Array:
     """How much of each draw of k objects every object is, shape (draws, k)."""
-    return np.random.default_rng(k).multinomial(k, np.full(k, 1.0 / k), _DRAWS) / k
+    # Draws of objects for a mean: they cost next to nothing there.
+    return np.random.default_rng(k).multinomial(k, np.full(k, 1.0 / k), 10_000) / k
 
 
 def resampled(

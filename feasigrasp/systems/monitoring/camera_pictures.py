@@ -16,8 +16,6 @@ from feasigrasp.systems.ports import declare_input, weakly
 
 #: Colour that the object's pixels are mixed with, and the share of it.
 TINT, TINT_SHARE = np.array([255.0, 140.0, 0.0]), 0.45
-#: Width of a picture [pixels], and its quality as a JPEG.
-WIDTH, QUALITY = 240, 60
 
 
 class Picture(NamedTuple):
@@ -78,10 +76,12 @@ def jpeg(color: NDArray[np.uint8], mask: Mask) -> bytes:
         color: Shape (h, w, 3).
         mask: What to tint, shape (h, w).
     """
+    # Width of a picture [pixels], and its quality as a JPEG.
+    width, quality = 240, 60
     tinted = color.astype(float)
     tinted[mask] += TINT_SHARE * (TINT - tinted[mask])
     image = Image.fromarray(tinted.astype(np.uint8))
-    image.thumbnail((WIDTH, WIDTH))
+    image.thumbnail((width, width))
     file = io.BytesIO()
-    image.save(file, "JPEG", quality=QUALITY)
+    image.save(file, "JPEG", quality=quality)
     return file.getvalue()

@@ -27,14 +27,10 @@ from feasigrasp.systems.ports import declare_input, weakly
 REACHABLE, DROPPED = Rgba(0.10, 0.80, 0.25), Rgba(0.35, 0.35, 0.40, 0.4)
 #: Colours of completed surface that was seen, and that was made up.
 SEEN, INVENTED = np.array([0.10, 0.50, 1.0]), np.array([1.0, 0.15, 0.55])
-#: Distance to the observed surface [m] at which a point counts as observed, and as made up.
-SEEN_WITHIN, INVENTED_BEYOND = 0.002, 0.010
 #: Radius of the discs that show the completed surface, and how far outside it they lie [m].
 DISC_RADIUS, DISC_LIFT = 0.0045, 0.001
 #: Meshcat path of what is perceived; its frame is the object frame O.
 PATH = "/drake/perceived"
-#: Time between two places of it, as between those of the arm [s].
-MOVED_EVERY = 1.0 / 32.0
 
 
 class _Flipbook:
@@ -117,7 +113,8 @@ class GraspVisualizer(LeafSystem):
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self.DeclareInitializationPublishEvent(weakly(self._clear))
         self.DeclarePeriodicPublishEvent(period, 0.0, weakly(self._draw))
-        self.DeclarePeriodicPublishEvent(MOVED_EVERY, 0.0, weakly(self._move))
+        # Time between two places of it, as between those of the arm [s].
+        self.DeclarePeriodicPublishEvent(1.0 / 32.0, 0.0, weakly(self._move))
 
     def _forget(self) -> None:
         self._drawn_gpdf: Gpdf | None = None
@@ -207,7 +204,9 @@ def distance_from_seen(gpdf: Gpdf, variance: Array) -> Array:
 
 def surface_colors(gpdf: Gpdf) -> Array:
     """Colors of the completed points by their variance, shape (n, 3)."""
+    # Distance to the observed surface [m] at which a point counts as observed, and as made up.
+    seen_within, invented_beyond = 0.002, 0.010
     distance = distance_from_seen(gpdf, gpdf.completion.variance)
-    share = (distance - SEEN_WITHIN) / (INVENTED_BEYOND - SEEN_WITHIN)
+    share = (distance - seen_within) / (invented_beyond - seen_within)
     share = np.clip(share, 0.0, 1.0)[:, None]
     return (1.0 - share) * SEEN + share * INVENTED

@@ -18,14 +18,13 @@ _IMAGES: dict[str, Any] = {
     "label": ImageLabel16I,
     "color": ImageRgba8U,
 }
-#: With this protocol arrays stay read-only or writeable, which compiled functions distinguish.
-_PROTOCOL = 5
 
 
 def packed(value: Any) -> bytes:
     """The bytes that a value travels as."""
     buffer = io.BytesIO()
-    _Pickler(buffer, _PROTOCOL).dump(value)
+    # With this protocol arrays stay read-only or writeable, which compiled functions distinguish.
+    _Pickler(buffer, 5).dump(value)
     return buffer.getvalue()
 
 

@@ -98,10 +98,6 @@ class CalibratedPose(LeafSystem):
         return self._pose.Eval(context) @ self._X_CB
 
 
-#: Makes the seed of a calibration another than those of the images.
-_HAND_EYE = 2**40
-
-
 def export_camera(
     builder: DiagramBuilder,
     config: CameraConfig,
@@ -158,7 +154,8 @@ def export_camera(
 
 def calibration_error(hand_eye: HandEyeError, seed: int) -> Array:
     """Calibrated pose of a camera in its true frame, X_CB (4, 4); drawn from a seed."""
-    return hand_eye.draw(np.random.default_rng([seed, _HAND_EYE]))
+    # Makes the seed of a calibration another than those of the images.
+    return hand_eye.draw(np.random.default_rng([seed, 2**40]))
 
 
 def pixel_centred_intrinsics(config: CameraConfig) -> CameraInfo:

@@ -11,15 +11,14 @@ from pydrake.systems.framework import DiagramBuilder
 from feasigrasp.models.segmentation.modeled_bodies import Boxes
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
 
-#: Half the size of a box that stands for a half space [m].
-_HALF_SPACE = 10.0
-
 
 def cell_boxes(config: StationConfig) -> Boxes:
     """A box about each collision geometry that is fixed to the world and not the arm's base.
 
     Of a box that is the box itself, of anything else Drake's oriented bounding box.
     """
+    # Half the size of a box that stands for a half space [m].
+    half_space = 10.0
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(config.plant, builder)
     add_cell(plant, config)
@@ -33,9 +32,9 @@ def cell_boxes(config: StationConfig) -> Boxes:
             continue
         for geometry in plant.GetCollisionGeometriesForBody(body):
             if isinstance(inspector.GetShape(geometry), HalfSpace):
-                below = RigidTransform([0.0, 0.0, -_HALF_SPACE])
+                below = RigidTransform([0.0, 0.0, -half_space])
                 poses.append((query.GetPoseInWorld(geometry) @ below).GetAsMatrix4())
-                halves.append(np.full(3, _HALF_SPACE))
+                halves.append(np.full(3, half_space))
                 continue
             box = query.ComputeObbInWorld(geometry)
             poses.append(box.pose().GetAsMatrix4())

@@ -39,9 +39,6 @@ ARM_KP = np.array([6000.0, 6000.0, 3000.0, 3000.0, 800.0, 500.0, 300.0])
 ARM_KD = np.array([350.0, 350.0, 150.0, 150.0, 51.0, 40.0, 31.0])
 #: The gripper's position controller [N/m]: saturates at the finger's effort limit when squeezing.
 FINGER_KP, FINGER_KD = 3000.0, 60.0
-#: The end stops of the fingers are this far beyond where they are open [m]. Fingers that just touch
-#: them make the contact solver give up when the whole cell is at rest.
-_STOP = 5e-5
 
 
 @dataclass
@@ -128,7 +125,9 @@ def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
         joint = plant.GetJointByName(name, gripper)
         lower, upper = joint.position_lower_limits(), joint.position_upper_limits()
         joint.set_default_positions(upper)
-        joint.set_position_limits(lower, upper + _STOP)
+        # The end stops of the fingers are this far beyond where they are open [m]. Fingers that
+        # just touch them make the contact solver give up when the whole cell is at rest.
+        joint.set_position_limits(lower, upper + 5e-5)
     # The real arm compensates its own weight and its tool's.
     for instance in robot_instances(plant):
         plant.set_gravity_enabled(instance, False)

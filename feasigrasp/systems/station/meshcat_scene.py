@@ -11,8 +11,6 @@ from feasigrasp.systems.station.station import Station
 PREFIX = "/drake/illustration"
 #: Where the camera stands and what it looks at, in the world frame [m], and its zoom.
 CAMERA, TARGET, ZOOM = (1.75, -1.85, 1.15), (0.36, 0.0, 0.49), 3.1
-#: Opacity of the object, so that what is drawn on it can be seen from all sides.
-OBJECT_OPACITY = 0.35
 #: Brightness of the lights; Meshcat's own wash out a white arm and leave shaded sides black.
 LIGHTS = {
     "AmbientLight": 0.9,
@@ -51,7 +49,8 @@ def _make_translucent(station: Station, object_path: str, meshcat: Meshcat) -> N
     for geometry in inspector.GetGeometries(frame, Role.kIllustration):
         path = f"{object_path}/{inspector.GetName(geometry).replace('::', '/')}"
         # On the mesh itself: its folder's opacity belongs to MeshcatVisualizer.
-        meshcat.SetProperty(f"{path}/<object>", "modulated_opacity", OBJECT_OPACITY)
+        # Opacity of the object, so that what is drawn on it can be seen from all sides.
+        meshcat.SetProperty(f"{path}/<object>", "modulated_opacity", 0.35)
 
 
 def set_stage(

@@ -36,9 +36,6 @@ from feasigrasp.models.objects.rigid_object import RigidObject, write_mesh
 from feasigrasp.scenario.schema import ObjectConfig
 from feasigrasp.systems.ports import declare_output, weakly
 
-#: How exactly the time is known at which the object is let go [s].
-_PERIOD = 0.01
-
 
 class DistractorBodies(LeafSystem):
     """Poses of visible bodies without contact, in a scene graph.
@@ -62,7 +59,8 @@ class DistractorBodies(LeafSystem):
         self._hold = self.DeclareVectorInputPort("hold", 1)
         # When the object was let go; infinite before.
         self._let_go = self.DeclareDiscreteState([np.inf])
-        self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, weakly(self._remember))
+        # How exactly the time is known at which the object is let go [s].
+        self.DeclarePeriodicDiscreteUpdateEvent(0.01, 0.0, weakly(self._remember))
         declare_output(self, "poses", self._calc, model=FramePoseVector())
 
     def _remember(self, context: Context, state) -> EventStatus:
@@ -210,9 +208,6 @@ _URDF = """<?xml version="1.0"?>
 
 #: The body's name in the plant; its frame is the object frame O (origin at the centre of mass).
 BODY_NAME = "object"
-#: The collision surface may differ this much from the visible one [m]: every face between the pads
-#: is a contact of its own, so a surface with fewer faces makes a held object cheaper to simulate.
-COLLISION_TOLERANCE = 0.0005
 
 
 def add_object(
@@ -245,7 +240,10 @@ def add_object(
     mesh = f"{model_name}.obj"
     collision_mesh = f"{model_name}_collision.obj"
     write_mesh(obj, directory / mesh)
-    write_mesh(obj, directory / collision_mesh, tolerance=COLLISION_TOLERANCE)
+    # The collision surface may differ this much from the visible one [m]: every face between the
+    # pads is a contact of its own, so a surface with fewer faces makes a held object cheaper to
+    # simulate.
+    write_mesh(obj, directory / collision_mesh, tolerance=0.0005)
     urdf = directory / f"{model_name}.urdf"
     urdf.write_text(
         _URDF.format(

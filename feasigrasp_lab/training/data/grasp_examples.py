@@ -39,12 +39,6 @@ POINTS = 512
 TRUE_SHARE, VIEW_SHARES = 0.2, (0.5, 0.2, 0.3)
 #: Standard deviation of the tracked pose in every other fusion of several views: [m] and [rad].
 TRACKING = (0.002, float(np.deg2rad(1.0)))
-#: Points that the field is fitted to, perception's default.
-FIELD_POINTS = 320
-#: Chords of true surfaces shorter than this are grazing hits [m].
-_MIN_CHORD = 1e-3
-#: Times that a view is drawn anew if it shows too little.
-_TRIES = 4
 #: How labels are stored.
 _STORED = {
     **dict.fromkeys(("width", "closing", "across"), np.float32),
@@ -54,7 +48,8 @@ _STORED = {
 
 def fuse_and_complete(views: Sequence[PartialView]) -> Gpdf:
     """Views become a distance field, as perception does it by default."""
-    return complete_shape(fused(views), max_points=FIELD_POINTS)
+    # Points that the field is fitted to, perception's default.
+    return complete_shape(fused(views), max_points=320)
 
 
 def completed_input(
@@ -68,7 +63,8 @@ def completed_input(
         rng: Draws camera poses, sensor noise and errors of the tracker.
     """
     tracking = TRACKING if n_views > 1 and rng.random() < 0.5 else (0.0, 0.0)
-    for _ in range(_TRIES):
+    # Times that a view is drawn anew if it shows too little.
+    for _ in range(4):
         try:
             cameras = turning_views(rng, viewed.center, n_views)
             field = fuse_and_complete([viewed.view(X_OC, rng, tracking) for X_OC in cameras])
@@ -93,7 +89,8 @@ def true_input(truth: TrueGrasps, rng: np.random.Generator) -> GraspInput:
     back, outer = truth.cast(points - opening * normals, normals)
     several = (opening - back > length) & (np.einsum("ij,ij->i", outer, normals) < 0.0)
     length, far = np.where(several, opening - back, length), np.where(several[:, None], outer, far)
-    hit = (length > _MIN_CHORD) & (length <= MAX_CHORD)
+    # Chords of true surfaces shorter than this are grazing hits [m].
+    hit = (length > 1e-3) & (length <= MAX_CHORD)
     confidence = float(predicted_deviation(0.0))
     scalars = np.zeros((POINTS, len(SCALARS)))
     scalars[:, 0] = confidence

@@ -22,18 +22,12 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp_lab.training.data.grasp_label_kernels import blocked_turns, turn_table
 from feasigrasp_lab.training.data.grasp_truth import CONE_DEG, TrueGrasps, hand_boxes
 
-#: A completed point counts if it is this near to the true surface [m] and turned so little [deg].
-NEAR, ALIGNED_DEG = 0.004, 25.0
 #: Directions in which the hand is turned about a closing line.
 N_TURNS = 36
 #: Approach directions that a label holds.
 N_APPROACHES = 16
-#: Clearance of the open hand that a label asks for [m]: what it calls valid is not marginal.
-CLEARANCE = 0.0015
 #: Widths up to the opening less this [m].
 SLACK = 0.004
-#: Pairs at one point that are kept, best first.
-PAIRS_PER_POINT = 2
 #: Angles off the normal of the lines that are tried [deg], and how many round each.
 _RINGS = ((7.0, 6), (14.0, 8))
 _SURFACE = 1e-5
@@ -138,9 +132,12 @@ def on_true_surface(
     Returns:
         Their indices, and for all points the nearest true ones with the normals there, (n, 3) each.
     """
+    # A completed point counts if it is this near to the true surface [m] and turned so little
+    # [deg].
+    near, aligned_deg = 0.004, 25.0
     at, outward = truth.closest(points)
-    real = np.linalg.norm(at - points, axis=1) <= NEAR
-    real &= np.einsum("ij,ij->i", outward, normals) >= np.cos(np.deg2rad(ALIGNED_DEG))
+    real = np.linalg.norm(at - points, axis=1) <= near
+    real &= np.einsum("ij,ij->i", outward, normals) >= np.cos(np.deg2rad(aligned_deg))
     return np.flatnonzero(real), at, outward
 
 
@@ -150,8 +147,10 @@ def find_pairs(
     normals: Array,
     gripper: ParallelGripper,
     rng: np.random.Generator,
-    per_point: int = PAIRS_PER_POINT,
-    clearance: float = CLEARANCE,
+    # Pairs at one point that are kept, best first.
+    per_point: int = 2,
+    # Clearance of the open hand that a label asks for [m]: what it calls valid is not marginal.
+    clearance: float = 0.0015,
 ) -> ContactPairs:
     """Valid grasps that start at points of a completed surface.
 

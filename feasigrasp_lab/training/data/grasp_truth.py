@@ -23,8 +23,6 @@ from feasigrasp_lab.training.data.raycasting import Raycaster
 CONE_DEG = 20.0
 #: Distance of the surface samples that the hand is tested against [m]; most samples of one mesh.
 SAMPLE_SPACING, MAX_SAMPLES = 0.0025, 20_000
-#: Two surfaces closer than this along the closing line hold nothing between them [m].
-_LEAST_WIDTH = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +83,8 @@ class TrueGrasps:
         left, n_left = self.cast(centers - 0.5 * opening * closing, closing)
         right, n_right = self.cast(centers + 0.5 * opening * closing, -closing)
         width = opening - left - right
-        held = np.isfinite(width) & (width > _LEAST_WIDTH)
+        # Two surfaces closer than this along the closing line hold nothing between them [m].
+        held = np.isfinite(width) & (width > 1e-4)
         cosine = np.minimum(
             -np.einsum("ij,ij->i", n_left, closing), np.einsum("ij,ij->i", n_right, closing)
         )

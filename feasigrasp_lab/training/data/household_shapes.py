@@ -28,8 +28,6 @@ TRAINED = (
 HELD_OUT = ("superquadric", "mug", "tool")
 FAMILIES: dict[str, Maker] = {name: getattr(families, name) for name in (*TRAINED, *HELD_OUT)}
 
-#: Largest side of a shape, least and most [m].
-_LEAST, _MOST = 0.02, 0.26
 #: Densities of solids and lightly filled things [kg/m^3], and masses that a hand can hold [kg].
 _DENSITY, _MASS = (150.0, 900.0), (0.02, 0.6)
 _FACES = 4000
@@ -48,13 +46,15 @@ def make_shape(family: str, seed: int) -> RigidObject:
     Raises:
         MeshError: If there is no such family.
     """
+    # Largest side of a shape, least and most [m].
+    least, most = 0.02, 0.26
     if family not in FAMILIES:
         raise MeshError(f"family '{family}' is unknown; give one of {', '.join(FAMILIES)}")
     rng = np.random.default_rng([seed, list(FAMILIES).index(family)])
     mesh = _mesh(FAMILIES[family](rng))
     largest = float(mesh.extents.max())
-    if not _LEAST <= largest <= _MOST:
-        mesh.apply_scale(float(np.clip(largest, _LEAST, _MOST)) / largest)
+    if not least <= largest <= most:
+        mesh.apply_scale(float(np.clip(largest, least, most)) / largest)
     mass = float(np.clip(rng.uniform(*_DENSITY) * mesh.volume, *_MASS))
     color = (*rng.uniform(0.25, 0.9, 3).tolist(), 1.0)
     return RigidObject.of_mesh(f"{family}_{seed}", mesh, mass, color=color)

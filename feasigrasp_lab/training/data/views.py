@@ -28,10 +28,6 @@ CAMERA = (
 )
 #: Distance from the camera to the object's centre, lowest and highest [m].
 DISTANCE = (0.45, 0.55)
-#: Voxels in which views are merged, as in the scenarios [m].
-VOXEL_SIZE = 0.003
-#: A point closer to the first hit of its line of sight than this is seen [m].
-_VISIBLE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +108,8 @@ class ViewedObject:
         length = np.linalg.norm(way, axis=1)
         hit, _ = self.surface.cast(np.broadcast_to(start, points.shape), way / length[:, None])
         # A ray now and then slips through an edge of the mesh, so the normal has a say as well.
-        in_sight = (hit > length - _VISIBLE) & (np.einsum("ij,ij->i", way, normals) < 0.0)
+        # A point closer to the first hit of its line of sight than this is seen [m].
+        in_sight = (hit > length - 1e-3) & (np.einsum("ij,ij->i", way, normals) < 0.0)
         fx, fy, cx, cy = CAMERA
         x, y, z = (way @ view.X_OC[:3, :3]).T
         column = np.clip(np.rint(fx * x / z + cx), 0, WIDTH - 1).astype(int)
@@ -141,7 +138,8 @@ class ViewedObject:
 
 def fused(views: Sequence[PartialView], *, smooth: bool = True) -> FusedCloud:
     """The cloud of some views, merged as perception does it."""
-    cloud = FusedCloud.empty(VOXEL_SIZE, smooth=smooth)
+    # Voxels in which views are merged, as in the scenarios [m].
+    cloud = FusedCloud.empty(0.003, smooth=smooth)
     for view in views:
         cloud = cloud.merged(view.points, view.p_OC)
     return cloud

@@ -26,8 +26,6 @@ from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.float32_kernels import pack
 from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks, moments_of_blocks
 
-#: Parts that a pass is dealt out in, whatever the number of threads.
-_PARTS = 16
 #: Poses that k-means++ looks at.
 _SEEDING_POSES = 30_000
 _SEEDING_CANDIDATES = 4
@@ -90,7 +88,8 @@ def em_pass(poses: PoseBlocks, mixture: RiemannianMixture, threads: int = 1) -> 
         threads: Threads that share the work.
     """
     packed, k = pack(mixture), len(mixture)
-    edges = np.linspace(0, len(poses.blocks), min(_PARTS, len(poses.blocks)) + 1).astype(int)
+    # Parts that a pass is dealt out in, whatever the number of threads.
+    edges = np.linspace(0, len(poses.blocks), min(16, len(poses.blocks)) + 1).astype(int)
 
     def part(i: int) -> Moments:
         mass, first, second = np.zeros(k), np.zeros((k, 6)), np.zeros((k, 6, 6))

@@ -3,18 +3,43 @@
 import argparse
 import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
 
-from feasigrasp_lab.results.workers import ClusterError, Shard, in_threads, on_cluster
+from feasigrasp_lab.results.workers import ClusterError, Shard, in_processes, in_threads, on_cluster
 
 
 def test_threads_do_every_task():
     tasks = {str(n): (n, 2) for n in range(7)}
     assert dict(in_threads(pow, tasks, 3)) == {str(n): n**2 for n in range(7)}
+
+
+def test_processes_do_every_task():
+    tasks = [(n, 2) for n in range(7)]
+    assert sorted(in_processes(pow, tasks, 2)) == [n**2 for n in range(7)]
+    assert list(in_processes(pow, tasks, 2, ordered=True)) == [n**2 for n in range(7)]
+    assert list(in_processes(pow, tasks, 1)) == [n**2 for n in range(7)]
+
+
+def test_processes_end_with_a_command_that_is_killed():
+    """Its error output closes when the last of them is gone."""
+    code = """
+import time
+from feasigrasp_lab.results.workers import in_processes
+
+for _ in in_processes(time.sleep, [(0.01,)] * 2 + [(0.5,)] * 1000, 2):
+    print("one is done", flush=True)
+"""
+    command = [sys.executable, "-c", code]
+    process = subprocess.Popen(command, stdout=-1, stderr=-1, text=True)
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.kill()
+    assert "Traceback" not in process.communicate(timeout=60)[1]  # loky warns that it tidied up
 
 
 def test_shards_are_read_and_named():
