@@ -1,10 +1,11 @@
-"""Ablations: paired runs without one part of the system."""
+"""Paired runs: without one part of the system, or with another controller."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
+from feasigrasp.models.choices import ControlSpace
 from feasigrasp.models.control.planning.predicted_poses import PredictionModel
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.runs.results.rows import Row
@@ -25,6 +26,8 @@ def _with(keys: Mapping[str, Any]) -> Change:
     return change
 
 
+#: The controller that others are compared with.
+REFERENCE = ControlSpace.TASK.value
 #: The system as it is, and what means something in task space only.
 FULL, NO_DENSITY = "-full", "-no-density"
 #: What is taken away, one thing at a time, by the end of the runs' names.
@@ -65,15 +68,38 @@ def ablation_rows(records: Sequence[Record]) -> list[Row]:
         records: Records of runs; those of other studies are left out, and so are those without a
             counterpart.
     """
-    full = {_key(run): run for run in records if ablation_of(run["scenario"]) == FULL}
+    full = {_whole(run): run for run in records if ablation_of(run["scenario"]) == FULL}
     pairs: dict[str, list[tuple[Record, Record]]] = {}
     for run in records:
         suffix = ablation_of(run["scenario"])
-        if suffix and suffix != FULL and _key(run) in full:
+        if suffix and suffix != FULL and _whole(run) in full:
             for controller in (run["controller"], "all"):
                 preset = f"all{suffix}/{controller}/{run['mode']}"
-                pairs.setdefault(preset, []).append((full[_key(run)], run))
+                pairs.setdefault(preset, []).append((full[_whole(run)], run))
     return [row for preset, found in pairs.items() for row in _changes(preset, found)]
+
+
+def controller_rows(records: Sequence[Record]) -> list[Row]:
+    """Changes of the same figures from the controller `REFERENCE` to each other one.
+
+    Runs are paired by scenario, mode, object and seed; presets are
+    ``<scenario>/<controller>/<mode>``.
+
+    Args:
+        records: Records of runs; those without a counterpart are left out.
+    """
+    reference = {_key(run, run["scenario"]): run for run in records if _is_reference(run)}
+    pairs: dict[str, list[tuple[Record, Record]]] = {}
+    for run in records:
+        counterpart = reference.get(_key(run | {"controller": REFERENCE}, run["scenario"]))
+        if counterpart is not None and not _is_reference(run):
+            preset = f"{run['scenario']}/{run['controller']}/{run['mode']}"
+            pairs.setdefault(preset, []).append((counterpart, run))
+    return [row for preset, found in pairs.items() for row in _changes(preset, found)]
+
+
+def _is_reference(run: Record) -> bool:
+    return bool(run["controller"] == REFERENCE)
 
 
 def _changes(preset: str, pairs: Sequence[tuple[Record, Record]]) -> list[Row]:
@@ -91,6 +117,10 @@ def _changes(preset: str, pairs: Sequence[tuple[Record, Record]]) -> list[Row]:
     return rows
 
 
-def _key(run: Record) -> Hashable:
-    scenario = without_ablation(run["scenario"])
+def _whole(run: Record) -> Hashable:
+    """What a run has in common with the run of the whole."""
+    return _key(run, without_ablation(run["scenario"]))
+
+
+def _key(run: Record, scenario: str) -> Hashable:
     return scenario, run["controller"], run["mode"], run["object"], run["seed"]

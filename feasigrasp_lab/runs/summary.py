@@ -13,7 +13,7 @@ from feasigrasp.models.choices import SAFE
 from feasigrasp.runs.metrics.table import FIGURES, METRICS, Over
 from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.results.statistics import grouped, mean_of_objects
-from feasigrasp_lab.protocols.ablations import ablation_rows
+from feasigrasp_lab.protocols.ablations import ablation_rows, controller_rows
 from feasigrasp_lab.protocols.speed import curve_point
 from feasigrasp_lab.runs.studies import suffix_of
 
@@ -61,7 +61,7 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
     ``<scenario>/<controller>/<mode>/<object>`` for single objects if there are several. In means
     and shares every object counts once; intervals of means come from drawing the objects anew. A
     figure that no run of a group has is left out. Ablations are compared with the runs of the whole
-    (`ablation_rows`).
+    (`ablation_rows`), controllers with ``task`` (`controller_rows`).
 
     Args:
         records: Records of runs.
@@ -76,7 +76,7 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
             rows += _share_rows(preset, group)
             for name in _PER_OBJECT:
                 rows += _mean_row(name, preset, group)
-    return rows + ablation_rows(records)
+    return rows + ablation_rows(records) + controller_rows(records)
 
 
 def _groups(records: Sequence[Record], *presets: str) -> dict[str, list[Record]]:

@@ -4,7 +4,7 @@ import pytest
 
 from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.protocols.ablations import ablation_rows
+from feasigrasp_lab.protocols.ablations import ablation_rows, controller_rows
 from feasigrasp_lab.runs.summary import summary_rows
 
 
@@ -65,3 +65,20 @@ def test_they_stand_beside_the_figures_of_each_ablation():
     assert rows["all-full/task/safe", "dynamic.held_percent"] == 100.0
     assert rows["all-no-score/task/safe", "dynamic.held_change_percent"] == pytest.approx(-25.0)
     assert rows["all/task/safe", "dynamic.held_percent"] == 0.0
+
+
+def test_controllers_are_compared_with_task_on_the_same_runs():
+    """Of two paired runs of the mug, one is lost; a scenario or seed of one's own has no pair."""
+    records = [
+        record("ReachLinearMocap", "mug", True, 3.0),
+        record("ReachLinearMocap", "mug", True, 4.0, seed=1),
+        record("ReachLinearMocap", "mug", False, controller="nearest"),
+        record("ReachLinearMocap", "mug", True, 2.0, controller="nearest", seed=1),
+        record("ReachLinearMocap", "mug", False, controller="nearest", seed=2),
+        record("ReachCircularMocap", "mug", False, controller="nearest"),
+    ]
+    rows = {r.name: r for r in controller_rows(records)}
+    assert {r.preset for r in rows.values()} == {"ReachLinearMocap/nearest/safe"}
+    assert rows["dynamic.held_change_percent"].value == pytest.approx(-50.0)
+    assert rows["dynamic.held_change_percent"].n == 2
+    assert rows["dynamic.held_after_change_s"].value == pytest.approx(-2.0)
