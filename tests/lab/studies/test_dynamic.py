@@ -9,12 +9,12 @@ from feasigrasp import cli
 from feasigrasp.resources import model_path
 from feasigrasp.runs import run as run_module
 from feasigrasp.runs.results import rows
-from feasigrasp_lab.results import finished
+from feasigrasp_lab.results import finished, workers
 from feasigrasp_lab.runs import isolated
 from feasigrasp_lab.studies import dynamic
 
 #: Where the revision is asked for.
-REVISION = (dynamic, finished, rows, run_module)
+REVISION = (dynamic, finished, rows, run_module, workers)
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 from feasigrasp import cli
 from feasigrasp.runs import run as run_module
 from feasigrasp.runs.run import crash_record
-from feasigrasp_lab.results import finished
+from feasigrasp_lab.results import finished, workers
 from feasigrasp_lab.runs import isolated
 from feasigrasp_lab.studies import gallery
 
@@ -49,7 +49,7 @@ def fake_runs(monkeypatch):
 
     monkeypatch.setattr(isolated, "run_isolated", run)
     monkeypatch.setattr(gallery, "take_picture", lambda replay: "task" in replay.stem)
-    for module in (finished, gallery, run_module):
+    for module in (finished, workers, gallery, run_module):
         monkeypatch.setattr(module, "git_revision", lambda: "57f3f21b0c4e")
     return ran
 
