@@ -8,11 +8,12 @@ import pytest
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.runs.metrics.tick_times import TickTimes
+from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp_lab.bench.control import ControllerProbe
 from feasigrasp_lab.paper.controllers import Unenforced
 
 
-class Slow(Unenforced):
+class Slow(Unenforced, GraspController):
     """Takes 30 ms to plan, 5 ms for a command and 50 ms for the first one."""
 
     def update(self, memory, inputs):
