@@ -228,7 +228,7 @@ def main(args: argparse.Namespace) -> int:
     # A share of outliers that one object hardly has.
     if perception.outliers > 0.2 * len(points):
         print(
-            "  so many were dropped that there may be another object beside this one; keep one "
+            "  a large part was dropped: there may be another object beside this one; keep one "
             "with --crop or --on-table"
         )
     if args.grasps is not None:

@@ -30,7 +30,7 @@ from feasigrasp.systems.ports import PeriodicState, declare_input, declare_outpu
 
 #: A view contradicts the earlier ones beyond this share, see `FusedCloud.contradicted`.
 MAX_CONTRADICTION = 0.3
-#: So many views in turn that contradict the earlier ones, and not each other, are right, if they
+#: Consecutive views that contradict the earlier ones, and not each other, are right if they
 #: show this share of the surface that the earlier ones did: a close look at a part is no reason to
 #: forget the rest.
 OUTVOTING, OUTVOTING_SHARE = 4, 0.7
@@ -158,8 +158,8 @@ class PointCloudToGPDF(LeafSystem):
             length_scale: Length scale of the field's kernel [m].
             voxel_size: Resolution at which views are merged [m].
             hidden_side: Whether what lies behind the seen surface is guessed (default preset only).
-            max_views: So many views are merged at most; 0 for all.
-            views_per_side: So many views from one direction suffice, see `ViewRecord`.
+            max_views: Largest number of views that are merged; 0 for all.
+            views_per_side: Number of views from one direction that suffices, see `ViewRecord`.
             revisit: A side not merged for so long is merged again [s]; infinite for never.
             check: The object is looked at at least this often [s].
             min_points: A view with fewer finite points is ignored.

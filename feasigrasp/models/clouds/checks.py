@@ -26,11 +26,11 @@ from feasigrasp.models.geometry.se3 import perpendiculars
 
 #: A point is judged by the distance to this neighbour, the nearest being the first ...
 NEIGHBOUR = 3
-#: ... and hangs together with so many of them, at most.
+#: ... and is connected with at most this number of them.
 LINKS = 8
-#: Beyond so many times the median of that distance a point is far off.
+#: A point is far off beyond this multiple of the median of that distance.
 FAR = 5.0
-#: If more points than this share are far off, those are dropped that are beyond so many times it.
+#: If more points than this share are far off, those beyond this multiple are dropped.
 CONTAMINATED, NEAR = 0.02, 2.5
 #: Fewer points than this that hang together are no surface, and more than this distance from the
 #: largest group they are of something else [m].

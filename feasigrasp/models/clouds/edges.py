@@ -17,7 +17,7 @@ from feasigrasp.models.clouds.camera import Camera
 
 #: Points of neighbouring pixels on an object that are farther apart lie on different surfaces [m].
 EDGE_JUMP = 0.02
-#: A mask of fewer pixels shows too little of an object, and is grown by so many [pixels].
+#: A mask of fewer pixels shows too little of an object, and is grown by this [pixels].
 SCANTY, GROWTH = 150, 10
 #: A silhouette of whose rim the picture's border is a larger share is not whole.
 _MAX_CUT = 0.05

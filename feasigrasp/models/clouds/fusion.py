@@ -37,7 +37,7 @@ _MIN_SURFACE = 12
 #: Standard deviation of a view's place, across its surface, at least [m].
 _POSE_SIGMA = 5e-4
 #: A view shows a point again that is beside its nearest one by less than this share of a voxel,
-#: apart from it by less than so many standard deviations, and so much at most [m], and faces the
+#: apart from it by less than a number of standard deviations and a distance [m], and faces the
 #: same way (cosine).
 _BESIDE, _APART_SIGMAS, _APART, _SAME_SIDE = 0.75, 6.0, 0.01, 0.3
 

@@ -30,7 +30,7 @@ from feasigrasp.models.compiled import compiled
 DEPTH_ERROR = 0.02
 #: A known point this much nearer than the measured depth is no longer there [m].
 _GONE = 0.03
-#: Every so many pixels, along each side, fit the camera's intrinsics.
+#: Step between the pixels that fit the camera's intrinsics, along each side.
 _STRIDE = 4
 #: Fewer pixels, or a smaller spread of their directions, do not.
 _MIN_PIXELS, _MIN_SPREAD = 20, 0.02
@@ -98,8 +98,8 @@ SCENE_VOXEL = 0.025
 BESIDE = 0.2
 #: A body observed from one side is at most so thick, or hides no more than that [m].
 BEHIND = 0.1
-#: A voxel that so many points of one view fall into, though it had been seen to be free, holds
-#: something that has come since. Fewer may be noise.
+#: Points of one view in a voxel observed as free before, from which on something has come there.
+#: Fewer may be noise.
 _COME = 4
 
 

@@ -112,10 +112,10 @@ def _about(v: Array, center: Array) -> Array:
 
 #: Neighbours that a patch is fitted to, if depths err by at most so much [m].
 NEIGHBOURS, _USUAL_NOISE = 32, 1.7e-3
-#: Where they err w times as much, by up to so many times, patches have these powers of w more
+#: Where they err w times as much, w at most the first, patches have these powers of w more
 #: neighbours and are wider: normals would turn with the noise.
 _WIDEST, _MORE, _FARTHER = 1.6, 5.0, 1.5
-#: The noise is that of so many patches.
+#: Number of patches from which the noise is estimated.
 _SAMPLES = 100
 #: Neighbours farther away hardly count, however sparse the view [m].
 _MAX_RADIUS = 0.01
@@ -123,9 +123,9 @@ _MAX_RADIUS = 0.01
 _MAX_POINTS = 4000
 #: No point moves further than this; where it would, the patch is no surface [m].
 _MAX_SHIFT = 0.006
-#: ... or if depths err much, than so many times their standard deviation.
+#: ... or if depths err much, than this multiple of their standard deviation.
 _SHIFT_SIGMAS = 4.0
-#: Neighbouring pixels err together, and far ones count less: so many are worth one.
+#: Errors of neighbours correlate, far pixels count less: this number counts as one.
 _CORRELATED = 12.0
 #: Weight of the penalty on curvature against that of the neighbours.
 _CURVATURE_PENALTY = 1e-2

@@ -54,7 +54,7 @@ class ViewRecord(Frozen):
         Args:
             p_OC: Where the camera would be, shape (3,) [m].
             time: When [s].
-            n_views: So many views of one side suffice.
+            n_views: Number of views of one side that suffices.
             revisit: A side not looked at for so long is looked at again [s].
         """
         distances = np.linalg.norm(self.p_OC, axis=1)

@@ -257,7 +257,7 @@ def view_image(points: Array, p_OC: Array, outline: Outline | None = None) -> Vi
 
 
 def _outlined(image: ViewImage, outline: Outline, n_points: int) -> ViewImage:
-    """With what the outline says that may be the object, of which there are so many points."""
+    """With what the outline says that may be the object, of which this is the number of points."""
     rays = np.concatenate([outline.unmeasured, outline.hidden])
     row, column, z, inside = image.project(image.X_OC[:3, 3] + rays)
     inside &= z > 0.0

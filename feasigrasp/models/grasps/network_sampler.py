@@ -38,7 +38,7 @@ Candidates = tuple[Array, Array, Array]
 LEAST_SCORE = 0.9
 #: Contacts that the network gives less than this are not looked at ...
 LEAST_CONTACT = 0.2
-#: ... and so many of the rest are spread over the object, per contact that is taken.
+#: ... and this number of the rest, per contact taken, is spread over the object.
 _CHOICE = 2
 #: First point looked at on the way through the object; thinner walls are not seen [m].
 _ENTRY = 0.002

@@ -17,7 +17,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 
-#: Where an object will be: its poses (k, 4, 4) so many seconds (k,) from some time on.
+#: Predicted poses of an object (k, 4, 4) and their times from some instant on (k,) [s].
 Path = Callable[[ArrayLike], Array]
 #: Over this time a predicted pose is differentiated [s].
 _STEP = 1e-3

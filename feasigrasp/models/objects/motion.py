@@ -122,7 +122,7 @@ def motion_kernel(parameters, t):
 ACCELERATION = 3.0
 #: Points of a leg at which its length is measured.
 _POINTS = 200
-#: Of so many places that are drawn, a leg goes to the farthest.
+#: Number of places drawn for a leg, which goes to the farthest of them.
 _CHOICE = 4
 #: Inner control points are this far off the straight way at most, per length of it.
 _BEND = 0.3

@@ -25,7 +25,7 @@ MIN_PIXELS = 30
 #: Components nearer to each other than this are of one body [m]: the two sides of a bowl, between
 #: which pixels were lost or fly, are.
 JOINED = 0.045
-#: Points of neighbouring pixels on one surface differ by so many standard deviations at most.
+#: Largest difference of neighbouring pixels on one surface, in standard deviations.
 _JUMP_SIGMAS = 4.0
 #: Points of each component that are looked at, at most.
 _SAMPLE = 400

@@ -44,7 +44,7 @@ AGREES = 0.02
 _AGREEING_SHARE, _SINGLE = 0.5, 0.006
 #: Pixels of components that do not agree are looked at no farther from its surface [m].
 _GROWTH = 0.03
-#: Of a component's sample one point in so many is compared with the field.
+#: One point of a component's sample in this number is compared with the field.
 _EVERY = 3
 #: A point that lies this much before what an earlier view saw there has come there since [m].
 _MOVED = 0.008
@@ -112,7 +112,7 @@ def moved_share(points: Array, before: CameraView, camera: Camera, sigmas: float
         points: Of one body, shape (m, 3) [m].
         before: An earlier view.
         camera: The camera.
-        sigmas: So many standard deviations of a depth are noise.
+        sigmas: Number of standard deviations of a depth that is noise.
 
     Returns:
         Of the points that the earlier view would have shown, in [0, 1]; 0 if it shows none.

@@ -51,7 +51,7 @@ def in_color_gate(color: NDArray[np.uint8], hue_deg: float) -> Mask:
 UNOBSERVED, FREE, ROBOT, CELL, CARRIER = 0, 1, 2, 3, 4
 #: Largest error of the modeled poses of bodies [m].
 MARGIN = 0.005
-#: So many standard deviations of a depth are noise.
+#: Number of standard deviations of a depth that is noise.
 SIGMAS = 3.0
 #: The guide in which the fingers run is wider than they are, and so long [m].
 _GUIDE_RIM, _GUIDE_LENGTH = 0.003, 0.014

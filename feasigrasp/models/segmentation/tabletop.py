@@ -22,7 +22,7 @@ _TABLE_EXTENT = 0.25
 _TABLE_SHARE, _TABLE_THICKNESS = 0.4, 0.006
 #: What stands on it spreads less than this share of the table, and nearly all on one side.
 _ON_TABLE, _ONE_SIDE = 0.7, 0.9
-#: Tables are sought with so many draws of three points; resolution [m].
+#: Draws of three points in the search for tables; resolution [m].
 _TABLE_DRAWS, _TABLE_RESOLUTION = 300, 0.005
 #: Points that planes are compared by; the share of a plane is then known to 1 % (one sigma).
 _COMPARED = 2500
@@ -108,7 +108,7 @@ def _width(points: Array, normal: Array) -> float:
 _THICKNESS, _STANDS = 0.005, 0.006
 #: Resolution at which bodies are separated, and how near their parts are to each other [m].
 _RESOLUTION, _JOINED = 0.004, 0.02
-#: The plane is sought with so many draws of three points.
+#: Draws of three points in the search for the plane.
 _DRAWS = 1000
 #: Fewer points than this of the resolution are no object.
 _LEAST = 20

@@ -41,7 +41,7 @@ from feasigrasp.plugins import load_plugin, plugins
 # that where they look through the place, or see a surface in front of it that is not the far one.
 
 #: Nodes closer to an observed point than this know nothing that it does not [m], nor do those
-#: closer than so many times their expected error. Where several pictures look round the object,
+#: closer than this multiple of their expected error. Where several pictures look round the object,
 #: they more often see such places themselves than that these are the far side of something thin.
 CLEARANCE, DOUBT = 3e-3, 1.0
 CLEARANCE_OF_SEVERAL, DOUBT_OF_SEVERAL = 10e-3, 1.5
@@ -120,7 +120,7 @@ FREE_NODES = 80
 ROUGH_POINTS = 320
 #: Nodes on the hidden side, all views together.
 HIDDEN_NODES = 120
-#: Neighbouring nodes there err together: so many of them count as one observation.
+#: Errors of neighbouring nodes there correlate: this number counts as one observation.
 HIDDEN_NOISE = 1.5
 #: Below this cosine between normal and line of sight a normal is a guess.
 _GRAZING = 0.15
@@ -151,7 +151,7 @@ class CompletedField(Gpdf):
         cloud: The observed points, shape (c, 3) [m].
         cloud_normals: Their outward unit normals, as smoothed, shape (c, 3).
         images: The views whose free space counts.
-        observed: The first so many nodes rest on observed points.
+        observed: Number of nodes, the first ones, that rest on observed points.
     """
 
     cloud: Annotated[Array, ArrayOf(("c", 3), "m")]
@@ -249,7 +249,7 @@ def complete_shape(
     free, free_by = _free_nodes(cloud.images, points)
 
     def fitted_to(count: int, hidden: HiddenNodes) -> tuple[Gpdf, int]:
-        """The field of so many of the surface points, and how many of its nodes rest on them."""
+        """The field of the first surface points, and the number of its nodes that rest on them."""
         seen, signed = _seen_nodes(surface[:count], normals[:count], steep[:count])
         hidden_variance = HIDDEN_NOISE * (hidden.deviation / length_scale) ** 2
         made_up = np.zeros(len(hidden.points))

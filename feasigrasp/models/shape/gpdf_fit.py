@@ -35,7 +35,7 @@ _MAX_CANDIDATES = 2048
 _NEIGHBOURS = 20
 #: Below this |cosine| between a normal and its reference direction its sign is a guess.
 _LEAST_COSINE = 0.15
-#: One in so many of the chosen points is one that sticks out: the corners.
+#: One chosen point in this number is one that sticks out: the corners.
 _OUTWARD = 8
 
 

@@ -21,7 +21,7 @@ from feasigrasp.models.shape.scene_field import SceneField
 #: The box of what the arm with a hand reaches, in the frame of its base: lowest corner and size
 #: [m]. 1.2 m about the shoulder, which is 0.34 m high, and 0.2 m below the base.
 ARM_BOX = (np.array([-1.2, -1.2, -0.2]), np.array([2.4, 2.4, 1.74]))
-#: Nodes so many voxels from an observed point ask the field.
+#: Nodes within this number of voxels of an observed point ask the field.
 _BAND = 2.0
 #: A point with a raw distance below this is on the surface [m].
 _ON_SURFACE = 1e-3

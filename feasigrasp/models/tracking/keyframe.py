@@ -21,13 +21,13 @@ _OTHER_SIDE, _NEW_PART = np.deg2rad(30.0), 0.25
 _OTHER_VIEW, _OTHER_INLIERS, _OTHER_DEVIATION = 0.35, 0.75, 2.5e-3
 #: Time between keyframes at least [s]; views of one side that suffice; when it is looked at again.
 KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
-#: Of a side that was seen so many times there are fewer: so much time between them [s].
+#: Views of a side after which its keyframes are fewer, and the time between these [s].
 _KNOWN_SIDE, _KNOWN_PERIOD = 3, 0.4
-#: A keyframe has so many points at most: what more there are of a near object are closer together
+#: Largest number of points of a keyframe: what more there are of a near object are closer together
 #: than the model is fine.
 _MOST_POINTS = 6000
 #: Points so near to the border of an image are where it cuts the object off, until an image shows
-#: a margin of this width around them [px]; so many are kept of an image, and of all.
+#: a margin of this width around them [px]; numbers kept of an image, and of all.
 _AT_BORDER, _SEEN_PAST = 4.0, 12.0
 _CUT_POINTS, _MOST_CUT = 60, 600
 

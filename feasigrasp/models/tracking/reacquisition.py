@@ -17,17 +17,17 @@ from feasigrasp.models.tracking.view import ObjectView
 #: farther off than 63 degrees.
 _NEARBY = np.vstack([np.zeros(3), *(t * np.eye(3) for t in (0.4, -0.4, 0.8, -0.8))])
 _ALL_ROUND = Rotation.create_group("O")
-#: A coarse search uses so many points; a point counts for it by half at this distance from the
+#: Points of the coarse search; a point counts for it by half at this distance from the
 #: surface [m].
 _COARSE, _HALF = 150, 0.006
-#: So many starts nearby, those that fit best, are followed.
+#: Number of nearby starts, those that fit best, that are followed.
 _FOLLOWED = 4
-#: Of those that come from far off so many are followed once more.
+#: Number of starts from far off that are followed once more.
 _AGAIN = 6
 #: What the place is known to be worth after a gap, beside what the filter says [rad, m]; and after
 #: a long one, in which the object may have turned to any side.
 SEARCH_SPREAD, ANY_ORIENTATION_SPREAD = (0.3, 0.05), (1.5, 0.1)
-#: A model point that projects onto the background is worth so many points of the object.
+#: A model point that projects onto the background counts as this number of points of the object.
 _BESIDE = 2.0
 
 

@@ -38,7 +38,7 @@ from feasigrasp.models.tracking.view import ObjectView
 
 #: Points of an image that are used, at most; they are spread over it.
 _POINTS = 450
-#: Neighbouring pixels and model points err together: so many count as one.
+#: Errors of neighbouring pixels and model points correlate: this number counts as one.
 CORRELATED = 20.0
 #: Least standard deviation of a residual: bumps of the model [m].
 _MODEL_SIGMA = 5e-4
@@ -51,11 +51,11 @@ _NEW = 1e-2
 _PLANE, _SAME_SIDE = 5e-3, 0.8
 #: Standard deviation of the silhouette, in pixels.
 _SILHOUETTE_SIGMA = 2.0
-#: Residuals beyond so many standard deviations count less.
+#: Residuals beyond this number of standard deviations count less.
 _ROBUST = 3.0
 #: At the start of the search they are allowed to be so large [m], at most.
 _WIDE = 0.012
-#: A residual below this, or so many standard deviations, is an inlier's [m].
+#: A residual below this, or this number of standard deviations, is an inlier's [m].
 _INLIER, _INLIER_SIGMAS = 3e-3, 3.0
 _STEPS = 6
 #: Where less of the surface than this share is inside the image, it counts by the square of that.
@@ -245,10 +245,10 @@ def _silhouette(
 #: most, of the facing model that projects beside the object. How much it then says is left to the
 #: information: little of the object determines little.
 _LEAST_INSIDE, _LEAST_INLIERS, _LEAST_COVERED, _MOST_BESIDE = 0.05, 0.6, 0.5, 0.35
-#: Points of a new side are not asked to be on the model; so many of all are at least.
+#: Points of a new side need not be on the model; this share of all is at least.
 _LEAST_ON_MODEL = 0.45
-#: Where less than this share of the known, facing surface is in the image, so many points must be
-#: on the model; where hardly any is, the observed side is new, and its observed part says
+#: Where less than this share of the known, facing surface is in the image, this share of points
+#: must be on the model; where hardly any is, the observed side is new, and its observed part says
 #: nothing.
 _LITTLE, _INLIERS_OF_LITTLE, _NEW_SIDE = 0.25, 0.7, 0.02
 #: Less of the known surface than this faces a camera that sees another side.

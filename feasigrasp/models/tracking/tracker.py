@@ -50,7 +50,7 @@ from feasigrasp.models.tracking.registration import (
 from feasigrasp.models.tracking.twist_filter import TwistFilter, jerk_of, moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
 
-#: A first view has at least so many points, any other so many.
+#: Least number of points of a first view, and of any other.
 _FIRST_POINTS, _LEAST_POINTS = 300, 80
 #: An object whose surface is known no better than this is not tracked, though some is seen [m].
 _MOST_DEVIATION = 5e-3
@@ -62,15 +62,15 @@ _SEARCH_AFTER, _SEARCH_PERIOD = 0.25, 0.2
 _LONG_GAP, _LARGE_STEP = 1.0, 0.01
 #: An object that is seen as a whole is not recognised for so long: what is known is given up [s].
 _GIVEN_UP = 0.6
-#: A merged view moves the model by its own error, as one of so many views, and by this share of it
-#: at least: where it shows another side it is the only one.
+#: A merged view moves the model by its own error, as one of the views merged, and by this share
+#: of it at least: where it shows another side it is the only one.
 _LEAST_SHARE = 0.2
 #: Before there is a model: how far the center of the visible points moves by itself, as another
 #: part of the object is seen [m].
 _MIDDLE_ERROR = 4e-3
 #: What is known without any image of where a model is: standard deviations [rad, m].
 _UNKNOWN = (0.3, 0.03)
-#: So many points of its path make it known; out of sight an object is expected on it, slowing down
+#: Points after which a path is known; out of sight an object is expected on it, slowing down
 #: over this time [s]: a path that is wrong must not carry the hand off. Its twist there is taken
 #: over this [s].
 _KNOWN_PATH, _SLOWING, _STEP = 12, 2.0, 1e-3

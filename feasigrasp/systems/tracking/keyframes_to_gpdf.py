@@ -57,7 +57,7 @@ class KeyframesToGPDF(LeafSystem):
             length_scale: Length scale of the field's kernel [m].
             voxel_size: Resolution at which keyframes are merged [m].
             hidden_side: Whether what lies behind the seen surface is guessed (default preset only).
-            max_views: So many keyframes are merged at most; 0 for all.
+            max_views: Largest number of keyframes that are merged; 0 for all.
         """
         super().__init__()
         self._max_views = max_views

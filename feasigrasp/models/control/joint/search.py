@@ -28,7 +28,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
-#: A solution counts nothing if going there is so many length scales longer than the best.
+#: A solution counts nothing if going there is longer than the best by this number of length scales.
 IRRELEVANT = 12.0
 #: Grasps whose solutions are looked for at one update, once some are known.
 GRASPS_AT_ONCE = 12

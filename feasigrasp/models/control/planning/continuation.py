@@ -20,7 +20,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 #: Time over which a velocity is taken [s]; its error is of the order of the squared angle that the
 #: object turns meanwhile.
 _INSTANT = 1e-5
-#: In so many steps the way back from a grasp is shortened until no limit is in the way.
+#: Number of steps that shorten the way back from a grasp until no limit is in the way.
 _BACKS = 4
 
 

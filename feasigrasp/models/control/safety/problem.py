@@ -25,7 +25,7 @@ from feasigrasp.models.robot.capsule_kernels import (
 )
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: So many rows keep off an object at most. A hand that opens round it has hundreds of points inside
+#: Largest number of rows of an object. A hand that opens round it has hundreds of points inside
 #: their clearance, most of them beside each other: the QP would take several ticks for them.
 MOST_OBJECT_ROWS = 64
 #: Share of the speed of approach that is left in the reserve. Were nothing left, or had the hand to

@@ -34,7 +34,7 @@ from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 #: The arm angle changes no faster than this [rad/s], and in no less time than this [s].
 _ARM_ANGLE_SPEED, _SHORTEST = 0.8, 0.6
-#: So many times the joints' limits are no velocity to follow.
+#: A velocity beyond this multiple of the joints' limits is not followed.
 _TOO_FAST = 3.0
 #: If the arm angle of the plan is farther away than this, the arm goes there at once [s].
 _FAR = 0.4

@@ -181,7 +181,7 @@ BEYOND_OPENING = 0.02
 BEYOND_GRASPS = BEYOND_OPENING + 0.004
 #: Longest chord that is handed on, for the default hand [m].
 MAX_CHORD = ParallelGripper().max_opening + BEYOND_OPENING
-#: A cloud is thinned to so many points for each one wanted, before the even choice.
+#: Points per wanted point to which a cloud is thinned before the even choice.
 _CANDIDATES = 2
 #: Smoothed and field normals that differ by more than this cosine: the field's is a thin wall's.
 _AGREE = 0.5
