@@ -21,6 +21,7 @@ CONFIG = GraspSequenceConfig(
     dwell=0.1,
     patience=3.0,
     squeeze_time=0.2,
+    handover_time=0.0,
     lift=[-0.05, 0.0, 0.1],
     lift_time=0.3,
     shake=[0.0, 0.02, 0.0],

@@ -319,6 +319,7 @@ def measured(
         truth=ObjectTruth(
             path=np.array([motion.pose(t) for t in times]),
             contact=output("contact", "approach"),
+            let_go=float(output("station", "object.let_go")[0]),
             # A solver that has failed would fail again.
             touched=not broke_off and contact.touches(output("station", "contact_results")),
             broke_off=broke_off,

@@ -327,7 +327,7 @@ class Scenario:
         q_start: Joint positions at the start [deg].
         object: The object.
         motion: How it moves; ``!BezierPath {speed: 0.15}`` for one that stops and turns.
-        carrier: The visible carrier of the object.
+        carrier: What carries the object: how firmly, when it lets go, how it looks.
         distractor: Another object beside it.
         tracker: How its pose is measured.
         perception: Views, distance field, grasps.

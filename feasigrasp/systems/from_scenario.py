@@ -82,6 +82,7 @@ def station_config(scenario: Scenario) -> StationConfig:
         friction=scenario.object.friction,
         enforce_constraints=safe,
         touch_object=safe or scenario.grasp.close,
+        carrier=scenario.carrier.hold,
         pulls=[fault for fault in scenario.faults if isinstance(fault, ObjectPulled)],
     )
 

@@ -82,7 +82,7 @@ FAULTS: dict[str, StudiedFault] = {
         "all points of the object lie on one plane",
         _DROP,
         OnePlane(),
-        (*_UNOBSERVED, "none_reachable", "pose_contradicted"),
+        (*_UNOBSERVED, "pose_contradicted"),
     ),
     **{
         f"outliers_{percent}": StudiedFault(
@@ -115,7 +115,7 @@ FAULTS: dict[str, StudiedFault] = {
         "the whole image is taken for the object",
         _DROP,
         MaskWhole(),
-        (*_UNOBSERVED, "none_reachable", "pose_contradicted"),
+        (*_UNOBSERVED, "pose_contradicted"),
     ),
     "mask_empty": StudiedFault("no pixel is taken for the object", _KEEP, MaskEmpty(), _UNOBSERVED),
     "pose_frozen": StudiedFault(
@@ -166,37 +166,37 @@ FAULTS: dict[str, StudiedFault] = {
         held=True,
     ),
     "object_stops": StudiedFault(
-        "the object stops", _FOLLOW, ObjectPace(factor=0.0), ("none_reachable",)
+        "the object stops", _FOLLOW, ObjectPace(factor=0.0), ("out_of_reach", "never_settled")
     ),
     "object_reverses": StudiedFault(
         "the object goes back the way it came",
         _FOLLOW,
         ObjectPace(factor=-1.0),
-        ("none_reachable",),
+        ("out_of_reach", "never_settled"),
     ),
     "object_fast": StudiedFault(
         "the object is five times as fast",
         _FOLLOW,
         ObjectPace(factor=5.0),
-        ("none_reachable", "never_settled", "missed"),
+        ("never_settled", "missed"),
     ),
     "object_out_of_reach": StudiedFault(
         "the object leaves, 1.3 m from the base",
         "nothing is reachable: the arm waits",
         ObjectMoved(),
-        ("none_reachable",),
+        ("out_of_reach",),
     ),
     "object_through_arm": StudiedFault(
         "the object is carried through the arm to its other side",
-        "the arm keeps its limits; what carries the object gives way at 30 N",
+        "the arm keeps its limits; a tensed hand that carries the object gives way at 30 N",
         ObjectMoved(to=[-0.35, 0.0, 0.55]),
-        ("none_reachable", "no_grasp", "braking_for_obstacle", "pose_contradicted", "pushed_away"),
+        ("no_grasp", "braking_for_obstacle", "pose_contradicted", "pushed_away"),
     ),
     "object_into_table": StudiedFault(
         "the object goes down into the table",
         "grasps that hit the table are not reachable; the arm stays above it",
         ObjectMoved(to=[0.5, 0.0, -0.05]),
-        ("none_reachable", "no_grasp", "braking_for_obstacle"),
+        ("blocked_by_table", "no_grasp", "braking_for_obstacle"),
     ),
     "object_pulled": StudiedFault(
         "150 N pull the object out of the hand while it is lifted",

@@ -40,6 +40,7 @@ RAMP_TIME, LIFT_TIME, SHAKE_PERIOD = 0.1, 0.2, 0.25
 #: Acceleration of the lift and amplitude of the shaking along x, y, z in turn [m/s^2].
 LIFT, SHAKE = 2.0, 4.0
 GRAVITY = 9.81
+#: Of the spring that carries the object [rad/s].
 _SERVO_FREQUENCY = 60.0
 
 
@@ -97,7 +98,9 @@ class HandLoad(LeafSystem):
         inertia = plant.get_body(body_index).default_spatial_inertia()
         self._body_index = body_index
         I_BBcm = inertia.CalcRotationalInertia().CopyToFullMatrix3()
-        self._object = DrivenBody(inertia.get_mass(), I_BBcm, np.zeros(3), _SERVO_FREQUENCY)
+        mass, w = inertia.get_mass(), _SERVO_FREQUENCY  # critically damped
+        spring = mass * w**2, 2.0 * mass * w, I_BBcm * w**2, 2.0 * I_BBcm * w
+        self._object = DrivenBody(mass, I_BBcm, np.zeros(3), *spring)
         self._opening = opening
         # The object is carried, as before any grasp, until the fingers have squeezed so long [s].
         self.let_go = opening / CLOSING_SPEED + 0.15

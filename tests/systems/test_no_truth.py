@@ -15,7 +15,7 @@ JUDGES = {"metrics", "true_frame", "contact", "obstacle_distance"}
 def is_truth(port):
     """Whether a port of the station is one that no real cell has."""
     return port.endswith("label_image") or port in (
-        *("object.pose", "object.velocity", "contact_results", "query_object"),
+        *("object.pose", "object.velocity", "object.let_go", "contact_results", "query_object"),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.objects.tracking import Tracking
+from feasigrasp.models.reach.reachability import Verdict
 
 #: An arm whose joints are all slower stands still [rad/s].
 STILL = 0.02
@@ -20,6 +21,9 @@ HELD_UP = 0.04
 ARRIVED = 0.015
 #: An object that has moved or turned this much in the hand since it was let go slips [m], [rad].
 SLIPPED, TURNED = 0.006, np.deg2rad(8.0)
+#: A reason that more than this share of the grasps has is that of the place of the object: of one
+#: within reach, other grasps fail for other reasons.
+SHARED = 0.9
 
 
 class StatusCode(StrEnum):
@@ -41,7 +45,9 @@ class StatusCode(StrEnum):
     NOTHING_SEEN = "nothing_seen"
     LOOKING_AGAIN = "looking_again"
     NO_GRASP = "no_grasp"
-    NONE_REACHABLE = "none_reachable"
+    OUT_OF_REACH = "out_of_reach"
+    BLOCKED_BY_TABLE = "blocked_by_table"
+    WAITING = "waiting"
     BRAKING_FOR_OBSTACLE = "braking_for_obstacle"
     FOLLOWING = "following"
 
@@ -111,6 +117,11 @@ class Situation:
     unmet: str = ""
 
 
+#: Verdicts on grasps by which the object's place shows.
+_PLACES = {
+    Verdict.WRIST: StatusCode.OUT_OF_REACH,
+    Verdict.TABLE: StatusCode.BLOCKED_BY_TABLE,
+}
 _PHASES = {
     Phase.CLOSE: StatusCode.CLOSING,
     Phase.LIFT: StatusCode.LIFTING,
@@ -161,8 +172,16 @@ def _grasps(now: Situation) -> tuple[StatusCode, str] | None:
     if now.grasps == 0:
         return StatusCode.NO_GRASP, _most(now.rejected)
     if now.reachable == 0:
-        return StatusCode.NONE_REACHABLE, _most(now.verdicts)
+        return _unreachable(now.verdicts), _most(now.verdicts)
     return None
+
+
+def _unreachable(verdicts: Mapping[str, int]) -> StatusCode:
+    """Whether where the object is explains that no grasp is in reach; else the arm waits."""
+    for reason, code in _PLACES.items():
+        if verdicts.get(str(reason), 0) > SHARED * sum(verdicts.values()):
+            return code
+    return StatusCode.WAITING
 
 
 def _way(now: Situation) -> tuple[StatusCode, str]:

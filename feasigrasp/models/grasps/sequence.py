@@ -57,7 +57,9 @@ class GraspSequenceConfig:
         closing_speed: Rate at which the distance between the pads shrinks [m/s].
         closing_time: Fingers that have not stopped by then are taken to have closed [s].
         squeeze_time: How long fingers that have stopped press with all their force before the
-            object is let go [s].
+            carrier is asked to let go [s].
+        handover_time: How long the hand goes on along the object's path from then on, before it
+            lifts: a carrier needs some time to let go [s].
         min_width: Fingers that come closer than this have missed the object [m].
         lift: Displacement of the hand after that, in the world [m]; on the way an object that was
             moving comes to rest.
@@ -77,6 +79,7 @@ class GraspSequenceConfig:
     closing_speed: float = key(0.15, 0.001, 1.0, "m/s")
     closing_time: float = key(1.0, 0.01, 60.0, "s")
     squeeze_time: float = key(0.2, 0.01, 60.0, "s")
+    handover_time: float = key(0.4, 0.0, 60.0, "s")
     min_width: float = key(0.002, 0.0, 0.2, "m")
     lift: list[float] = key([-0.05, 0.0, 0.10], -1.0, 1.0, "m")
     lift_time: float = key(1.5, 0.01, 60.0, "s")
@@ -115,6 +118,7 @@ class GraspState(Frozen):
         since: When it began [s].
         near_since: Since when the hand has been at a grasp [s]; NaN if it is not.
         pressing_since: Since when the fingers have been pressing [s]; NaN until they stop.
+        let_go_since: Since when the carrier has been asked to let go [s]; NaN before.
         grasp: The grasp that the hand committed to, in O; None while approaching.
         X_WO: Object pose, as the hand has it, when this phase began, or the lift before it, shape
             (4, 4); None while approaching.
@@ -126,6 +130,7 @@ class GraspState(Frozen):
     since: float = 0.0
     near_since: float = float("nan")
     pressing_since: float = float("nan")
+    let_go_since: float = float("nan")
     grasp: GraspSet | None = None
     X_WO: Array | None = None
     V_WO: Array | None = None
@@ -133,8 +138,8 @@ class GraspState(Frozen):
 
     @property
     def released(self) -> bool:
-        """Whether the object has been let go."""
-        return self.phase > Phase.CLOSE
+        """Whether the carrier has been asked to let the object go."""
+        return self.phase > Phase.CLOSE or not np.isnan(self.let_go_since)
 
     def advanced(
         self,
@@ -164,7 +169,7 @@ class GraspState(Frozen):
         """
         elapsed = t - self.since
         known = np.isfinite(X_WO).all() and np.isfinite(V_WO).all()
-        if self.phase <= Phase.CLOSE and not known:
+        if not self.released and not known:
             return replace(self, near_since=float("nan"))
         match self.phase:
             case Phase.APPROACH if config.close:
@@ -207,10 +212,14 @@ class GraspState(Frozen):
         state = replace(
             self, pressing_since=pressing_since(self.pressing_since, t, t - self.since, rate)
         )
-        if not has_closed(t, self.since, state.pressing_since, config):
+        if np.isnan(state.let_go_since):
+            if not has_closed(t, self.since, state.pressing_since, config):
+                return state
+            if opening < config.min_width:
+                return GraspState(since=t)
+            state = replace(state, let_go_since=t)
+        if t - state.let_go_since < config.handover_time - 1e-9:
             return state
-        if opening < config.min_width:
-            return GraspState(since=t)
         # On from where the hand is going: what the fingers did to the object is no error to mend.
         X_WO, V_WO = self.target(t, *_UNKNOWN, config)
         return GraspState(Phase.LIFT, t, grasp=self.grasp, X_WO=X_WO, V_WO=V_WO)
@@ -250,8 +259,8 @@ class GraspState(Frozen):
 class CommittedMotion(Frozen):
     """Planned motion of a committed object: targets of all phases to come.
 
-    Fingers that close are taken to need ``closing_time``: an object that goes on longer than it
-    does is no harm to a plan.
+    Fingers that close are taken to need ``closing_time``, and ``handover_time`` after it: an
+    object that goes on longer than it does is no harm to a plan.
 
     Attributes:
         state: Where the sequence is; committed.
@@ -280,7 +289,7 @@ class CommittedMotion(Frozen):
         """This state and those that come, each with the time until which it lasts [s]."""
         state, config, states = self.state, self.config, []
         for phase, lasts in (
-            (Phase.CLOSE, config.closing_time),
+            (Phase.CLOSE, config.closing_time + config.handover_time),
             (Phase.LIFT, config.lift_time),
             (Phase.SHAKE, config.shake_time),
         ):

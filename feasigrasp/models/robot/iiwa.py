@@ -49,6 +49,8 @@ class Arm(NamedTuple):
         acceleration_limits: Symmetric [rad/s^2].
         effort_limits: Symmetric [Nm].
         driver: Limits of the real arm's driver.
+        acceleration_share: What is commanded uses at most this share of the acceleration limits;
+            the rest is the overshoot of the arm's position controller.
         position_margin: What is commanded keeps this far inside the position limits [rad], farther
             than the driver clamps; a configuration nearer to them is none that the arm may take.
     """
@@ -63,6 +65,7 @@ class Arm(NamedTuple):
     acceleration_limits: Array
     effort_limits: Array
     driver: DriverLimits
+    acceleration_share: float
     position_margin: float
 
     @property
@@ -122,7 +125,9 @@ _VELOCITY = _constant(np.deg2rad([98, 98, 100, 130, 140, 180, 180]))
 
 #: KUKA LBR iiwa 7 R800. Heights and limits are those of KUKA's data sheet (0.34 / 0.40 / 0.40 /
 #: 0.126 m; 98 ... 180 deg/s); accelerations, which KUKA does not publish, are the estimates used
-#: by Drake's own model. The driver keeps 1 degree off the joint limits.
+#: by Drake's own model. The driver keeps 1 degree off the joint limits. The share of the
+#: accelerations is 1 over the largest gain of the simulated controller, 1.06, see
+#: ``tests/systems/station/test_arm_tracking.py``.
 IIWA_7 = Arm(
     name="iiwa",
     joints=7,
@@ -140,5 +145,6 @@ IIWA_7 = Arm(
         velocity=_VELOCITY,
         external_torque=_constant(60.0 * np.array([1.0, 1.0, 1.0, 0.5, 0.2, 0.2, 0.1])),
     ),
+    acceleration_share=0.94,
     position_margin=0.03,
 )

@@ -26,12 +26,14 @@ class ObjectTruth:
         path: Where its motion would have it at every sample, shape (n, 4, 4) [m].
         contact: What `feasigrasp.systems.station.object_contact.ObjectContact` says at the end,
             shape (4,).
+        let_go: When the carrier let it go [s]; infinite if it never did.
         touched: Whether arm or hand touched it at the end.
         broke_off: Whether the simulation failed.
     """
 
     path: Array
     contact: Array
+    let_go: float
     touched: bool
     broke_off: bool
 

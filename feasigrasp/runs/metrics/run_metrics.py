@@ -152,7 +152,9 @@ def summarize(
         X_WO = se3.make_pose(se3.so3_exp(_vector(x, "r_WO")), p_WO)
         pushed = pushed_metrics(X_WO, truth.path, approach, SAMPLE_PERIOD)
         result |= pushed | contact_metrics(truth.contact)
-        result |= displaced_metrics(X_WO, truth.path, x["phase"] == Phase.CLOSE)
+        carried = np.arange(len(p_WO)) * SAMPLE_PERIOD <= truth.let_go
+        closing = carried & (x["phase"] >= Phase.CLOSE)
+        result |= displaced_metrics(X_WO, truth.path, closing)
         result["closing_speed_m_s"] = closing_speed(truth.path, x["phase"], SAMPLE_PERIOD)
     if closes:
         result |= hold_metrics(se3.inverse(X_OH), p_WO, x["phase"], SAMPLE_PERIOD)

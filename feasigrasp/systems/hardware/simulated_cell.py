@@ -117,9 +117,10 @@ class Handover(LeafSystem):
 
     ``target`` is the commanded distance between the pads [m], ``gripper_state`` the measured one
     and its rate. The phases follow from the gripper alone: it closes, and if something is between
-    the pads when they have squeezed it for ``squeeze_time``, that is let go; lift, shake and hold
-    last as long as the scenario says. ``gripper_position`` is what the fingers are sent: a gripper
-    with the command to close squeezes with all its force, however wide the object is.
+    the pads when they have squeezed it for ``squeeze_time``, its carrier is asked to let go; from
+    ``handover_time`` later on, lift, shake and hold last as long as the scenario says.
+    ``gripper_position`` is what the fingers are sent: a gripper with the command to close squeezes
+    with all its force, however wide the object is.
     """
 
     PERIOD = 0.01
@@ -134,7 +135,8 @@ class Handover(LeafSystem):
         self._config, self._gripper = config, gripper
         self._target = self.DeclareVectorInputPort("target", 1)
         self._measured = self.DeclareVectorInputPort("gripper_state", 2)
-        state = self.DeclareDiscreteState([0.0, 0.0, np.nan])  # phase, since when, pressing since
+        # Phase, since when; pressing and asked to let go since when.
+        state = self.DeclareDiscreteState([0.0, 0.0, np.nan, np.nan])
         self.DeclarePeriodicDiscreteUpdateEvent(self.PERIOD, 0.0, weakly(self._update))
         ticket = {self.discrete_state_ticket(state)}
         self.DeclareVectorOutputPort(
@@ -144,7 +146,7 @@ class Handover(LeafSystem):
         self.DeclareVectorOutputPort("phase", 1, weakly(self._calc_phase), ticket)
 
     def _update(self, context: Context, state) -> EventStatus:
-        phase, since, pressing = context.get_discrete_state(0).value()
+        phase, since, pressing, asked = context.get_discrete_state(0).value()
         t, config = context.get_time(), self._config
         elapsed = t - since
         width, rate = self._measured.Eval(context)
@@ -165,10 +167,13 @@ class Handover(LeafSystem):
                 squeezed = opening <= self._OPEN  # what is still closing does not press as hard
                 pressing = pressing_since(pressing, t, elapsed, rate) if squeezed else np.nan
                 gripped = has_closed(t, since, pressing, config) and width >= config.min_width
-                after = Phase.LIFT if gripped else None
+                asked = t if gripped and np.isnan(asked) else asked
+                after = Phase.LIFT if t - asked >= config.handover_time - 1e-9 else None
         elif elapsed >= lasts.get(Phase(int(phase)), np.inf) - 1e-9:
             after = Phase(int(phase) + 1)
-        kept = [phase, since, pressing] if after is None else [float(after), t, np.nan]
+        kept = [phase, since, pressing, asked]
+        if after is not None:
+            kept = [float(after), t, np.nan, np.nan if after <= Phase.CLOSE else asked]
         state.get_mutable_vector().SetFromVector(kept)
         return EventStatus.Succeeded()
 
@@ -177,7 +182,7 @@ class Handover(LeafSystem):
         output.SetAtIndex(0, opening if opening > self._OPEN else GripperSequencer.CLOSED)
 
     def _calc_hold(self, context: Context, output) -> None:
-        output.SetAtIndex(0, float(context.get_discrete_state(0).value()[0] <= Phase.CLOSE))
+        output.SetAtIndex(0, float(np.isnan(context.get_discrete_state(0).value()[3])))
 
     def _calc_phase(self, context: Context, output) -> None:
         output.SetAtIndex(0, context.get_discrete_state(0).value()[0])

@@ -30,12 +30,15 @@ from feasigrasp.systems.ports import PeriodicState, declare_input, declare_outpu
 
 #: Time between looks at the situation [s].
 PERIOD = 0.1
-#: So long it takes until it is said [s]: an arm that starts or turns round stands still, too. All
-#: else takes one look, since stages that follow each other are one look late.
+#: So long it takes until it is said [s]: an arm that starts or turns round stands still, too, and
+#: an object that moves comes back into reach. All else takes one look, since stages that follow
+#: each other are one look late.
 LASTS = {
     StatusCode.COMMAND_FAULTY: 0.0,
     StatusCode.TOUCHED: 0.0,
     StatusCode.BRAKING_FOR_OBSTACLE: 0.5,
+    StatusCode.OUT_OF_REACH: 1.0,
+    StatusCode.BLOCKED_BY_TABLE: 1.0,
 }
 #: Time between two entries of a hand that goes on following [s]: a few lines in a run of 30 s.
 AGAIN = 3.0

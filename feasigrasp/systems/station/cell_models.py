@@ -27,16 +27,20 @@ from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.distractor_bodies import DistractorBody
+from feasigrasp.models.objects.spring_drive import CarrierHold
 from feasigrasp.models.quantities import CONFIGURATION, POSE, NotNegative, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
+from feasigrasp.scenario.distractor_bodies import CarrierConfig
 from feasigrasp.scenario.schema import ObjectConfig
 
-#: Gains of the joints' PD controllers, from the base to the flange [Nm/rad], [Nm s/rad]: no less
-#: than two thirds of critical damping at the largest inertia of a joint, with that of its rotor.
+#: Gains of the joints' PD controllers, from the base to the flange [Nm/rad], [Nm s/rad]. The second
+#: are 1500 /s times a joint's largest inertia: the arm follows a commanded velocity within 1 ms,
+#: like the drives of a real one, and its acceleration exceeds the commanded one by no more than
+#: `Arm.acceleration_share` leaves.
 ARM_KP = np.array([6000.0, 6000.0, 3000.0, 3000.0, 800.0, 500.0, 300.0])
-ARM_KD = np.array([350.0, 350.0, 150.0, 150.0, 51.0, 40.0, 31.0])
+ARM_KD = np.array([9500.0, 13400.0, 6200.0, 4100.0, 2150.0, 2150.0, 2100.0])
 #: The gripper's position controller [N/m]: saturates at the finger's effort limit when squeezing.
 FINGER_KP, FINGER_KD = 3000.0, 60.0
 
@@ -62,6 +66,7 @@ class StationConfig:
         noise_seed: Seed of those errors.
         hand_error: Where the hand truly is, in the frame of the one that is planned with, shape
             (4, 4) [m].
+        carrier: How the object is held and let go.
         pulls: What pulls at the object once it is let go.
         distractor_bodies: Carrier and distractor.
     """
@@ -80,6 +85,7 @@ class StationConfig:
     hand_eye: dict[str, HandEyeError] = field(default_factory=dict)
     noise_seed: Whole = 0
     hand_error: Annotated[np.ndarray, POSE] = field(default_factory=lambda: np.eye(4))
+    carrier: CarrierHold = field(default_factory=lambda: CarrierConfig().hold)
     pulls: list[ObjectPulled] = field(default_factory=list)
     distractor_bodies: list[DistractorBody] = field(default_factory=list)
 

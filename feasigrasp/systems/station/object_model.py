@@ -28,13 +28,13 @@ from pydrake.multibody.plant import (
     MultibodyPlant,
 )
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 
 from feasigrasp.models.objects.distractor_bodies import DistractorBody
 from feasigrasp.models.objects.mesh import write_obj
 from feasigrasp.models.objects.rigid_object import RigidObject, write_mesh
 from feasigrasp.scenario.schema import ObjectConfig
-from feasigrasp.systems.ports import declare_output, weakly
+from feasigrasp.systems.ports import declare_output
 
 
 class DistractorBodies(LeafSystem):
@@ -44,35 +44,24 @@ class DistractorBodies(LeafSystem):
 
         name: DistractorBodies
         input_ports:
-        - hold
+        - let_go
         output_ports:
         - poses
 
-    ``hold`` is 1 while the object is carried and 0 once it is let go; ``poses`` is a
-    ``FramePoseVector`` for the scene graph.
+    ``let_go`` is V1, the time at which the carrier lets the object go [s], infinite before;
+    ``poses`` is a ``FramePoseVector`` for the scene graph.
     """
 
     def __init__(self, bodies: Sequence[DistractorBody], frames: Sequence[FrameId]) -> None:
         """Moves bodies, each with its frame of the scene graph."""
         super().__init__()
         self._bodies = list(zip(bodies, frames, strict=True))
-        self._hold = self.DeclareVectorInputPort("hold", 1)
-        # When the object was let go; infinite before.
-        self._let_go = self.DeclareDiscreteState([np.inf])
-        # How exactly the time is known at which the object is let go [s].
-        self.DeclarePeriodicDiscreteUpdateEvent(0.01, 0.0, weakly(self._remember))
+        self._let_go = self.DeclareVectorInputPort("let_go", 1)
         declare_output(self, "poses", self._calc, model=FramePoseVector())
-
-    def _remember(self, context: Context, state) -> EventStatus:
-        known = np.isfinite(context.get_discrete_state_vector().value()[0])
-        if known or self._hold.Eval(context)[0] > 0.5:
-            return EventStatus.DidNothing()
-        state.get_mutable_vector().SetAtIndex(0, context.get_time())
-        return EventStatus.Succeeded()
 
     def _calc(self, context: Context) -> FramePoseVector:
         time = context.get_time()
-        since = max(time - context.get_discrete_state_vector().value()[0], 0.0)
+        since = max(time - self._let_go.Eval(context)[0], 0.0)
         poses = FramePoseVector()
         for body, frame in self._bodies:
             poses.set_value(frame, RigidTransform(body.pose(time, since)))
@@ -88,7 +77,7 @@ def add_distractor_bodies(
     directory: str | Path,
     first_label: int,
 ) -> DistractorBodies:
-    """Puts bodies into a scene graph, and adds the system that moves them; ``hold`` is left open.
+    """Puts bodies into a scene graph, and adds the system that moves them; its input is left open.
 
     They can be seen by cameras and viewers, and are no obstacle to anything.
 

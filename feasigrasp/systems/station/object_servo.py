@@ -1,4 +1,4 @@
-"""Moves a free body along a motion by a spatial force, until its release."""
+"""Moves a free body along a motion by a spatial force, until its carrier lets it go."""
 
 from collections.abc import Sequence
 
@@ -6,21 +6,27 @@ import numpy as np
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.objects.motion import HarmonicMotion, ObjectMotion
 from feasigrasp.models.objects.spring_drive import (
-    DrivenBody,
+    CarrierHold,
+    Release,
+    carried_body,
     motion_wrench_kernel,
     spring_wrench_kernel,
 )
-from feasigrasp.systems.ports import declare_output
+from feasigrasp.systems.ports import declare_output, weakly
+
+#: A carrier that feels the load lets go once it has borne less than this share of the weight for
+#: this time [s]: half of it says that the other one bears more, and bumps are shorter.
+LOAD_SHARE, LOAD_TIME = 0.5, 0.1
 
 
 class ObjectServo(LeafSystem):
-    """A critically damped spatial spring between a free body and its reference motion.
+    """A damped spatial spring between a free body and its reference motion, and its release.
 
     .. pydrake_system::
 
@@ -30,12 +36,13 @@ class ObjectServo(LeafSystem):
         - hold
         output_ports:
         - spatial_force
+        - let_go
 
     ``state`` is the body's V13 state in the plant (quaternion wxyz, position, angular velocity,
-    velocity); ``hold`` is 1 while the body is carried and 0 once it is let go, when no force acts
-    any more but that of a fault. The body yields to contact as a mass on a spring would: force and
-    torque are those of a harmonic oscillator of ``frequency`` [rad/s], no larger than a hand would
-    push, plus the weight and the reference acceleration.
+    velocity); ``hold`` is 1 until the command to let go, and 0 from then on. ``let_go`` is V1, the
+    time at which the carrier did so [s], infinite before: then no force acts any more but that of a
+    fault. The body yields to contact as a mass on a spring would: force and torque are those of the
+    carrier's spring, no larger than it can, plus the weight and the reference acceleration.
     """
 
     def __init__(
@@ -43,11 +50,9 @@ class ObjectServo(LeafSystem):
         plant: MultibodyPlant,
         body_index: BodyIndex,
         motion: ObjectMotion,
+        carrier: CarrierHold,
         *,
         pulls: Sequence[ObjectPulled] = (),
-        frequency: float = 60.0,
-        max_force: float = 30.0,
-        max_torque: float = 3.0,
     ) -> None:
         """Reads the body's mass and inertia from the finalized plant.
 
@@ -55,10 +60,8 @@ class ObjectServo(LeafSystem):
             plant: The finalized plant.
             body_index: The body to carry; its origin is its centre of mass.
             motion: Where it should be.
+            carrier: How it is held and let go.
             pulls: What pulls at it once it is let go.
-            frequency: Stiffness of the spring [rad/s].
-            max_force: What carries the body gives way beyond this force [N].
-            max_torque: The same for the torque [Nm].
         """
         super().__init__()
         body = plant.get_body(body_index)
@@ -66,35 +69,53 @@ class ObjectServo(LeafSystem):
         if np.linalg.norm(inertia.get_com()) > 1e-9:
             raise ValueError(f"the origin of body {body.name()} must be its centre of mass")
         self._body_index = body_index
-        self._motion, self._pulls = motion, pulls
-        self._load = DrivenBody(
-            inertia.get_mass(),
-            inertia.CalcRotationalInertia().CopyToFullMatrix3(),
-            plant.gravity_field().gravity_vector(),
-            frequency,
-            max_force,
-            max_torque,
-        )
+        self._motion, self._pulls, self._carrier = motion, pulls, carrier
+        I_BBcm = inertia.CalcRotationalInertia().CopyToFullMatrix3()
+        gravity, step = plant.gravity_field().gravity_vector(), plant.time_step()
+        self._load = carried_body(inertia.get_mass(), I_BBcm, gravity, carrier.spring, step)
         self._state = self.DeclareVectorInputPort("state", 13)
         self._hold = self.DeclareVectorInputPort("hold", 1)
+        release = self.DeclareDiscreteState([np.inf, np.inf])  # when it lets go; light since
+        self.DeclarePeriodicDiscreteUpdateEvent(step, 0.0, weakly(self._release))
+        ticket = self.discrete_state_ticket(release)
         declare_output(self, "spatial_force", self._calc, model=[ExternallyAppliedSpatialForce()])
+        self.DeclareVectorOutputPort("let_go", 1, weakly(self._calc_let_go), {ticket})
+
+    def _release(self, context: Context, discrete) -> EventStatus:
+        let_go, light_since = context.get_discrete_state_vector().value()
+        if np.isfinite(let_go) or self._hold.Eval(context)[0] > 0.5:
+            return EventStatus.DidNothing()
+        time = context.get_time()
+        if self._carrier.release is Release.LATE:
+            let_go = time + self._carrier.delay
+        else:
+            weight = self._load.mass * self._load.gravity
+            borne = -float(self._wrench(context)[3:] @ weight) / max(float(weight @ weight), 1e-12)
+            light_since = min(light_since, time) if borne < LOAD_SHARE else np.inf
+            let_go = time if time - light_since >= LOAD_TIME else np.inf
+        discrete.set_value([let_go, light_since])
+        return EventStatus.Succeeded()
+
+    def _calc_let_go(self, context: Context, output) -> None:
+        output.SetFromVector(context.get_discrete_state_vector().value()[:1])
 
     def _calc(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
         time = context.get_time()
-        if self._hold.Eval(context)[0] < 0.5:
-            speed = float(np.linalg.norm(self._state.Eval(context)[-3:]))
-            pulling = [pull.force for pull in self._pulls if pull.pulls(time, speed)]
-            wrenches = [np.concatenate([np.zeros(3), force]) for force in pulling]
-            return [
-                applied for wrench in wrenches for applied in force_on(self._body_index, wrench)
-            ]
+        if time < context.get_discrete_state_vector().value()[0]:
+            return force_on(self._body_index, self._wrench(context))
+        speed = float(np.linalg.norm(self._state.Eval(context)[-3:]))
+        pulling = [pull.force for pull in self._pulls if pull.pulls(time, speed)]
+        wrenches = [np.concatenate([np.zeros(3), force]) for force in pulling]
+        return [applied for wrench in wrenches for applied in force_on(self._body_index, wrench)]
+
+    def _wrench(self, context: Context) -> Array:
         # State and reference of the same instant: one a step later would make the body lead.
-        state, wrench = self._state.Eval(context), np.empty(6)
+        state, time, wrench = self._state.Eval(context), context.get_time(), np.empty(6)
         if isinstance(self._motion, HarmonicMotion):
             motion_wrench_kernel(state, self._motion.parameters, time, self._load, wrench)
         else:
             spring_wrench_kernel(state, *self._motion.state(time), self._load, wrench)
-        return force_on(self._body_index, wrench)
+        return wrench
 
 
 def force_on(body_index: BodyIndex, wrench: Array) -> list[ExternallyAppliedSpatialForce]:

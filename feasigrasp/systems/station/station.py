@@ -18,7 +18,6 @@ from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import checked
-from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.objects.spring_drive import body_pose_kernel
@@ -71,6 +70,7 @@ class Station(Diagram):
         - gripper.state_measured
         - object.pose
         - object.velocity
+        - object.let_go
         - <camera>.point_cloud
         - <camera>.color_image
         - <camera>.depth_image
@@ -85,7 +85,8 @@ class Station(Diagram):
     ``iiwa.torque_external`` V7, what contact does to the joints, which the real arm estimates [Nm];
     ``gripper.position`` is the distance between the pads [m] and
     ``gripper.state_measured`` that distance and its rate; ``object.hold`` is 1 while the object is
-    carried along its motion and 0 once it is let go. Point clouds are in the world frame.
+    to be carried along its motion and 0 from the command to let it go on; ``object.let_go`` is the
+    time at which its carrier does so [s], infinite before. Point clouds are in the world frame.
     """
 
     @checked(ScenarioError)
@@ -106,7 +107,7 @@ class Station(Diagram):
 
         self._export_arm(builder)
         self._export_gripper(builder)
-        self._export_object(builder, motion, config.pulls)
+        self._export_object(builder, motion, config)
         self._show_distractor_bodies(builder, config, self.scene_graph, "distractor_bodies")
         if config.cameras:
             self._export_cameras(builder, config, obj)
@@ -186,10 +187,7 @@ class Station(Diagram):
         builder.ExportOutput(measured.get_output_port(), "gripper.state_measured")
 
     def _export_object(
-        self,
-        builder: DiagramBuilder,
-        motion: ObjectMotion,
-        pulls: list[ObjectPulled],
+        self, builder: DiagramBuilder, motion: ObjectMotion, config: StationConfig
     ) -> None:
         plant = self.plant
         state = plant.get_state_output_port(self.object_instance)
@@ -197,19 +195,20 @@ class Station(Diagram):
         builder.Connect(state, body_state.get_input_port())
         builder.ExportOutput(body_state.GetOutputPort("pose"), "object.pose")
         builder.ExportOutput(body_state.GetOutputPort("velocity"), "object.velocity")
-        servo = builder.AddNamedSystem(
-            "object_servo", ObjectServo(plant, self.object_body.index(), motion, pulls=pulls)
-        )
+        index = self.object_body.index()
+        servo = ObjectServo(plant, index, motion, config.carrier, pulls=config.pulls)
+        builder.AddNamedSystem("object_servo", servo)
         builder.Connect(state, servo.GetInputPort("state"))
         builder.Connect(
             servo.GetOutputPort("spatial_force"), plant.get_applied_spatial_force_input_port()
         )
         builder.ExportInput(servo.GetInputPort("hold"), "object.hold")
+        builder.ExportOutput(servo.GetOutputPort("let_go"), "object.let_go")
 
     def _show_distractor_bodies(
         self, builder: DiagramBuilder, config: StationConfig, scene_graph: SceneGraph, name: str
     ) -> None:
-        """Shows the bodies without contact; the carrier releases the object on command."""
+        """Shows the bodies without contact; the carrier withdraws once it has let go."""
         if not config.distractor_bodies:
             return
         distractor_bodies = add_distractor_bodies(
@@ -220,7 +219,8 @@ class Station(Diagram):
             directory=self._files.name,
             first_label=self.plant.num_bodies(),  # bodies of the plant have their index
         )
-        builder.ConnectInput("object.hold", distractor_bodies.GetInputPort("hold"))
+        servo = builder.GetSubsystemByName("object_servo")
+        builder.Connect(servo.GetOutputPort("let_go"), distractor_bodies.get_input_port())
 
     def _export_cameras(
         self, builder: DiagramBuilder, config: StationConfig, obj: RigidObject

@@ -151,7 +151,7 @@ def came_of(status=(), fault="pose_nan", error=None, **metrics):
 
 
 def test_a_status_names_a_fault_if_it_is_right_and_not_from_before():
-    wrong = came_of([(0.0, "following", ""), (3.5, "none_reachable", "")])
+    wrong = came_of([(0.0, "following", ""), (3.5, "waiting", "")])
     assert not wrong["named"] and wrong["noticed_s"] is None
     right = came_of([(0.0, "following", ""), (3.5, "pose_lost", "")])
     assert right["named"] and right["noticed_s"] == pytest.approx(0.5)

@@ -35,6 +35,8 @@ AWAY = AT_GRASP @ se3.exp([0, 0, 0, 0, 0, -0.2])
 
 #: Fingers take so long to meet something, in these tests [s]; their rate until then [m/s].
 REACHED, RATE = 0.3, -0.1
+#: From then on, until the hand lifts [s].
+SQUEEZED = CONFIG.squeeze_time + CONFIG.handover_time
 
 
 def advanced(state, t, X_WH=AT_GRASP, *, grasps=GRASPS, opening=WIDTH, rate=0.0, config=CONFIG):
@@ -54,7 +56,11 @@ def closed(state, X_WH=AT_GRASP, opening=WIDTH):
     met = state.since + REACHED
     state = advanced(state, met, opening=opening)
     assert state.phase == Phase.CLOSE
-    return advanced(state, met + CONFIG.squeeze_time, X_WH, opening=opening)
+    state = advanced(state, met + CONFIG.squeeze_time, X_WH, opening=opening)
+    if state.released:  # the carrier is asked to let go, and the hand waits for it
+        assert state.phase == Phase.CLOSE
+        state = advanced(state, met + SQUEEZED, X_WH, opening=opening)
+    return state
 
 
 def lifting(t=0.0):
@@ -73,7 +79,7 @@ def test_the_whole_sequence():
         [
             1.0,
             CONFIG.dwell,
-            REACHED + CONFIG.squeeze_time,
+            REACHED + SQUEEZED,
             CONFIG.lift_time,
             CONFIG.shake_time,
             CONFIG.hold_time,
@@ -183,8 +189,8 @@ def test_fingers_that_move_on_press_anew():
     moved = advanced(pushing, met + 0.1, rate=RATE)
     assert (pushing.pressing_since, moved.pressing_since) == (met, met + 0.1)
     late = met + CONFIG.squeeze_time
-    assert advanced(moved, late).phase == Phase.CLOSE
-    assert advanced(moved, late + 0.1).phase == Phase.LIFT
+    assert not advanced(moved, late).released
+    assert advanced(moved, late + 0.1).released
 
 
 def test_fingers_that_never_stop_have_closed_after_a_while():
@@ -192,18 +198,35 @@ def test_fingers_that_never_stop_have_closed_after_a_while():
     for t in state.since + np.arange(0.0, CONFIG.closing_time - 0.01, 0.05):
         state = advanced(state, t, rate=RATE)
         assert state.phase == Phase.CLOSE
-    assert advanced(state, state.since + CONFIG.closing_time, rate=RATE).phase == Phase.LIFT
+    assert advanced(state, state.since + CONFIG.closing_time, rate=RATE).released
+
+
+def test_the_hand_goes_on_with_the_object_until_its_carrier_has_let_go():
+    """And it lifts then, whatever is still known of the object."""
+    start = closing()
+    asked = advanced(advanced(start, start.since + REACHED), start.since + REACHED + 0.2)
+    assert asked.released and asked.phase == Phase.CLOSE
+    X, V = target_at(asked, REACHED + 0.3)
+    np.testing.assert_allclose(X, start.target(start.since + REACHED + 0.3, X, V, CONFIG)[0])
+    end = asked.let_go_since + CONFIG.handover_time
+    assert advanced(asked, end - 0.01).phase == Phase.CLOSE
+    nowhere = np.full((4, 4), np.nan)
+    after = asked.advanced(end, AT_GRASP, nowhere, V_WO, GRASPS, [WIDTH, 0.0], CONFIG)
+    assert after.phase == Phase.LIFT
+    at_once = dc.replace(CONFIG, handover_time=0.0)
+    pressed = advanced(start, start.since + REACHED)
+    assert advanced(pressed, start.since + REACHED + 0.2, config=at_once).phase == Phase.LIFT
 
 
 def test_the_lift_goes_on_from_where_the_hand_was_going():
     """Nothing jumps, whatever fingers and object have done to each other."""
     state = closing()
-    end = state.since + REACHED + CONFIG.squeeze_time
+    end = state.since + REACHED + SQUEEZED
     X, V = state.target(end, np.eye(4), np.zeros(6), CONFIG)
     slipped = AT_GRASP @ se3.exp([0.0, 0.01, 0.0, 0.003, 0.0, 0.002])
     pushed = se3.make_pose(X_WO[:3, :3], X_WO[:3, 3] + [0.0, 0.05, 0.0])
     lifted = state
-    for t in (state.since + REACHED, end):
+    for t in (state.since + REACHED, end - CONFIG.handover_time, end):
         lifted = lifted.advanced(t, slipped, pushed, V_WO + 0.5, GRASPS, [WIDTH, 0.0], CONFIG)
     assert lifted.phase == Phase.LIFT and lifted.released
     assert lifted.grasp is state.grasp
@@ -257,7 +280,7 @@ def test_while_closing_the_target_turns_off_as_the_object_would():
     motion = CommittedMotion(dc.replace(state, grasp=GRASPS.select([0])), t, CONFIG)
     X = motion.predict([0.2, 0.5])
     np.testing.assert_allclose(X, [swing.pose(t + s) for s in (0.2, 0.5)], atol=0.01)
-    ahead = [0.2, CONFIG.closing_time, 5.0]
+    ahead = [0.2, CONFIG.closing_time + CONFIG.handover_time, 5.0]
     elsewhere = unpacked(packed(motion)).predict(ahead)  # in another process
     np.testing.assert_array_equal(elsewhere, motion.predict(ahead))
     np.testing.assert_allclose(elsewhere[2, :3, 3] - elsewhere[1, :3, 3], CONFIG.lift)

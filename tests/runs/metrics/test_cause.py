@@ -17,7 +17,7 @@ def course(phase=WHOLE, *, pushed=0.0, touched=True, broke_off=False, **columns)
     n = len(phase)
     usual = {"phase": phase, "sampled_grasps": 60.0, "reachable_grasps": 20.0, "view_age": 0.3}
     samples = {k: np.broadcast_to(v, n).astype(float) for k, v in (usual | columns).items()}
-    truth = ObjectTruth(np.tile(np.eye(4), (n, 1, 1)), np.zeros(4), touched, broke_off)
+    truth = ObjectTruth(np.tile(np.eye(4), (n, 1, 1)), np.zeros(4), np.inf, touched, broke_off)
     return Course(samples, truth, pushed)
 
 

@@ -177,7 +177,7 @@ def test_a_turn_in_the_hand_is_no_hold():
 
 def truth(n, path=None, contact=(0.0, 0.0, 0.0, 0.0), *, touched=False, broke_off=False):
     path = np.tile(np.eye(4), (n, 1, 1)) if path is None else path
-    return ObjectTruth(path, np.array(contact), touched, broke_off)
+    return ObjectTruth(path, np.array(contact), 0.08, touched, broke_off)
 
 
 def test_pushed_is_told_from_the_path_and_names_the_cause():

@@ -107,7 +107,18 @@ def test_the_most_frequent_reason_is_told():
     monitored.fix(reachable=GraspSet.empty(), verdicts=Value[object](reasons))
     monitored.reported(0.5)
     status = monitored.dut.GetOutputPort("status").Eval(monitored.context)
-    assert (status.code, status.detail) == (StatusCode.NONE_REACHABLE, "table")
+    assert (status.code, status.detail) == (StatusCode.WAITING, "table")
+
+
+def test_an_object_out_of_reach_is_a_fault_only_if_it_stays_there():
+    monitored = Monitored()
+    away = Value[object](3 * ("wrist out of reach",))
+    monitored.fix(reachable=GraspSet.empty(), verdicts=away)
+    monitored.reported(0.75)
+    monitored.fix(reachable=GRASPS)
+    assert {code for code, _ in monitored.reported(1.05)} == {StatusCode.FOLLOWING}
+    monitored.fix(reachable=GraspSet.empty(), verdicts=away)
+    assert monitored.reported(2.5)[-1] == (StatusCode.OUT_OF_REACH, 1.1)
 
 
 def test_an_object_that_turns_in_the_hand_slips():

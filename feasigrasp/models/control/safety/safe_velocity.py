@@ -89,7 +89,7 @@ class SafetyOptions:
     position_margin: float = IIWA_7.position_margin
     speed: PositiveShare = 1.0
     velocity_scale: float = 0.9
-    acceleration_scale: float = 0.95
+    acceleration_scale: float = IIWA_7.acceleration_share
     clearance: float = 0.01
     obstacle_clearance: float = 0.02
     object_clearance: float = 0.002

@@ -29,7 +29,8 @@ What the arm is sent are desired positions. With ``v_k = (q_k - q_(k-1)) / T`` t
 
     |q_k| <= limit - margin,    |v_k| <= s velocity limit,    |v_k - v_(k-1)| <= a T
 
-with the arm's speed s in (0, 1], whatever is commanded: a joint is never faster than what steps of
+with the arm's speed s in (0, 1] and a the share `Arm.acceleration_share` of the acceleration
+limits, whatever is commanded: a joint is never faster than what steps of
 ``a T`` stop inside the limits (`braking_speed`, exact in discrete time). Braking from an admissible
 velocity is admissible again, so that the three never contradict. From a start that none of this
 brought about (outside the limits, or too fast) the acceleration limits come first.
@@ -118,7 +119,8 @@ def drive_step_kernel(q, v, command, measured, period, lead, speed, q_next, v_ne
     """
     fault = is_fault_kernel(command)
     for i in range(IIWA_7.joints):
-        a, most = IIWA_7.acceleration_limits[i], speed * IIWA_7.velocity_limits[i]
+        a = IIWA_7.acceleration_share * IIWA_7.acceleration_limits[i]
+        most = speed * IIWA_7.velocity_limits[i]
         limit = IIWA_7.position_limits[i] - IIWA_7.position_margin
         ahead = q[i] - measured[i]
         up = _bound(limit - q[i], ahead, most, a, period, lead)
