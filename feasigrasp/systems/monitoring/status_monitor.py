@@ -37,8 +37,8 @@ LASTS = {
     StatusCode.COMMAND_FAULTY: 0.0,
     StatusCode.TOUCHED: 0.0,
     StatusCode.BRAKING_FOR_OBSTACLE: 0.5,
-    StatusCode.OUT_OF_REACH: 1.0,
-    StatusCode.BLOCKED_BY_TABLE: 1.0,
+    StatusCode.OUT_OF_REACH: 2.0,
+    StatusCode.BLOCKED_BY_TABLE: 2.0,
 }
 #: Time between two entries of a hand that goes on following [s]: a few lines in a run of 30 s.
 AGAIN = 3.0

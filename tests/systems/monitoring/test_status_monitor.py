@@ -114,11 +114,11 @@ def test_an_object_out_of_reach_is_a_fault_only_if_it_stays_there():
     monitored = Monitored()
     away = Value[object](3 * ("wrist out of reach",))
     monitored.fix(reachable=GraspSet.empty(), verdicts=away)
-    monitored.reported(0.75)
+    monitored.reported(1.75)
     monitored.fix(reachable=GRASPS)
-    assert {code for code, _ in monitored.reported(1.05)} == {StatusCode.FOLLOWING}
+    assert {code for code, _ in monitored.reported(2.05)} == {StatusCode.FOLLOWING}
     monitored.fix(reachable=GraspSet.empty(), verdicts=away)
-    assert monitored.reported(2.5)[-1] == (StatusCode.OUT_OF_REACH, 1.1)
+    assert monitored.reported(4.5)[-1] == (StatusCode.OUT_OF_REACH, 2.1)
 
 
 def test_an_object_that_turns_in_the_hand_slips():

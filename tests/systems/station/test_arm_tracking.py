@@ -116,12 +116,13 @@ def test_the_share_of_the_accelerations_is_what_the_servo_overshoots(cell):
 
 
 def test_the_hardest_commands_keep_the_true_acceleration():
-    """Every joint, through the drive, at full acceleration to and fro at random."""
+    """Every joint, through the drive, at full acceleration to and fro, first this or that way."""
     scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap")
     q = np.deg2rad([0.0, 60.0, 0.0, -20.0, 0.0, 20.0, 0.0])
     config = StationConfig(scenario.plant_config, scenario.directives, cameras={}, q_start=q)
     rng, period, n = np.random.default_rng(0), PERIOD * STEP, 400
-    switches = np.repeat(rng.choice([-5.0, 5.0], (n // 8 + 1, 7)), 8, axis=0)
+    there = rng.choice([-5.0, 5.0], (n // 16, 7))
+    switches = np.repeat(np.stack([there, -there], axis=1).reshape(-1, 7), 8, axis=0)
     desired, v = [np.concatenate([q, 0.0 * q])], np.zeros(7)
     for command in switches[:n]:
         q_next, v_next = np.empty(7), np.empty(7)
@@ -132,4 +133,4 @@ def test_the_hardest_commands_keep_the_true_acceleration():
     sent = PiecewisePolynomial.ZeroOrderHold(times, np.array(desired).T)
     velocity = followed(config, TrajectorySource(sent), times[-1], STEP)
     share = np.abs(true_accelerations(velocity, STEP)) / IIWA_7.acceleration_limits
-    assert 0.9 < share.max() <= 1.0
+    assert 0.95 < share.max() <= 1.0

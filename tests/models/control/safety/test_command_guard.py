@@ -69,7 +69,7 @@ def test_a_controller_that_dies_leaves_the_arm_at_rest():
     sent, guard = simulated(lambda t: swing(t) if t < 2.5 else None, 4.0)
     v = keeps_limits(sent)
     moving = np.flatnonzero(np.abs(v).max(axis=1) > 0.0)[-1] - len(v) + len(sent)
-    braking = speed / IIWA_7.acceleration_limits.min()
+    braking = speed / (IIWA_7.acceleration_share * IIWA_7.acceleration_limits.min())
     assert moving * T <= 2.5 + CommandGuard.DEADLINE + braking + 2 * T
     assert not guard.moving and not guard.received
 

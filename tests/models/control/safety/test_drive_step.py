@@ -12,7 +12,7 @@ from feasigrasp.models.control.safety.velocity_limits import (
 )
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-A, V = IIWA_7.acceleration_limits, IIWA_7.velocity_limits
+A, V = IIWA_7.acceleration_share * IIWA_7.acceleration_limits, IIWA_7.velocity_limits
 LIMIT = IIWA_7.position_limits - IIWA_7.position_margin
 LEAD = 0.1
 
