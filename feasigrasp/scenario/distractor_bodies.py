@@ -14,9 +14,8 @@ class CarrierConfig:
     The cameras see it; nothing touches it.
 
     Attributes:
-        stiffness: How firmly it holds the object: ``soft``, as a relaxed hand (300 N/m, 3 Nm/rad);
-            ``stiff``, as a tensed one (1000 N/m, 10 Nm/rad); ``rigid``, as a robot's flange or a
-            fixture (10 kN/m, 100 Nm/rad).
+        stiffness: How firmly it holds the object: as a relaxed hand (300 N/m, 3 Nm/rad), a tensed
+            one (1000 N/m, 10 Nm/rad), or a robot's flange (10 kN/m, 100 Nm/rad).
         release: When it lets go after the fingers have squeezed: ``late``, by ``release_delay``;
             ``load``, once it bears less than half of the weight.
         release_delay: Reaction time of a ``late`` release [s].

@@ -166,13 +166,13 @@ FAULTS: dict[str, StudiedFault] = {
         held=True,
     ),
     "object_stops": StudiedFault(
-        "the object stops", _FOLLOW, ObjectPace(factor=0.0), ("out_of_reach", "never_settled")
+        "the object stops", _FOLLOW, ObjectPace(factor=0.0), ("never_settled",)
     ),
     "object_reverses": StudiedFault(
         "the object goes back the way it came",
         _FOLLOW,
         ObjectPace(factor=-1.0),
-        ("out_of_reach", "never_settled"),
+        ("never_settled",),
     ),
     "object_fast": StudiedFault(
         "the object is five times as fast",

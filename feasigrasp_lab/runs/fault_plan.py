@@ -183,6 +183,12 @@ def outcome(run: FaultRun, record: Record) -> dict[str, Any]:
     }
 
 
+def false_alarm(record: Record) -> bool:
+    """Whether the status of a run without a fault has the word for one after its start."""
+    words = {word for fault in FAULTS.values() for word in fault.named}
+    return any(code in words for time, code, *_ in record["status"] if time > 0.0)
+
+
 def _noticed(run: FaultRun, record: Record, fault: StudiedFault) -> float | None:
     status = [*record.get("status", ())]
     for number, (time, code, *_) in enumerate(status):

@@ -20,7 +20,13 @@ from feasigrasp.runs.results.statistics import grouped
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp_lab.protocols.fault_table import FAULTS
 from feasigrasp_lab.results.finished import Record, finish_all
-from feasigrasp_lab.runs.fault_plan import FaultRun, faulty_runs, nominal_runs, outcome
+from feasigrasp_lab.runs.fault_plan import (
+    FaultRun,
+    false_alarm,
+    faulty_runs,
+    nominal_runs,
+    outcome,
+)
 from feasigrasp_lab.runs.fault_probe import blind_pairs, leaks, rest_times
 from feasigrasp_lab.runs.isolated import report_crashes, run_all
 from feasigrasp_lab.runs.plan import add_scenario_arguments
@@ -53,7 +59,12 @@ def main(args: argparse.Namespace) -> int:
     records = run_all(runs, args.out / "runs", args.jobs, desc="faults")
     outcomes = [outcome(*pair) for pair in zip(runs, records, strict=True)]
     write_csv(args.out / "runs.csv", outcomes)
-    rows = [*outcome_rows(outcomes), *_probe_rows(args, nominal, runs)]
+    alarms = [false_alarm(record) for record in before]
+    rows = [
+        *outcome_rows(outcomes),
+        Row.percent("faults.false_alarm_percent", "none", alarms),
+        *_probe_rows(args, nominal, runs),
+    ]
     report_rows(args, "evaluate faults", rows, format_rows(rows))
     return report_crashes(records)
 

@@ -76,6 +76,7 @@ class ObjectServo(LeafSystem):
         self._state = self.DeclareVectorInputPort("state", 13)
         self._hold = self.DeclareVectorInputPort("hold", 1)
         release = self.DeclareDiscreteState([np.inf, np.inf])  # when it lets go; light since
+        self.DeclareInitializationDiscreteUpdateEvent(weakly(self._release))
         self.DeclarePeriodicDiscreteUpdateEvent(step, 0.0, weakly(self._release))
         ticket = self.discrete_state_ticket(release)
         declare_output(self, "spatial_force", self._calc, model=[ExternallyAppliedSpatialForce()])

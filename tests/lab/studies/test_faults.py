@@ -22,6 +22,7 @@ from feasigrasp_lab.runs import isolated
 from feasigrasp_lab.runs.fault_plan import (
     MOTIONS,
     FaultRun,
+    false_alarm,
     faulty_runs,
     nominal_runs,
     outcome,
@@ -162,6 +163,25 @@ def test_a_status_names_a_fault_if_it_is_right_and_not_from_before():
     assert came_of(grasp_held=True)["named"]
     assert came_of(cause="pose_lost")["named"] and not came_of(cause="timeout")["named"]
     assert not came_of()["named"]
+
+
+def test_what_names_where_the_object_is_names_one_fault():
+    """And an arm that waits for the object to come into reach names none."""
+    named = [word for fault in FAULTS.values() for word in fault.named]
+    for code in (StatusCode.OUT_OF_REACH, StatusCode.BLOCKED_BY_TABLE):
+        assert named.count(code) == 1
+    assert not {StatusCode.WAITING, StatusCode.FOLLOWING, StatusCode.TOUCHED} & {*named}
+
+
+@pytest.mark.parametrize(
+    ("status", "alarm"),
+    [
+        ([(0.0, "nothing_seen", ""), (0.1, "following", ""), (3.0, "waiting", "table")], False),
+        ([(0.0, "following", ""), (3.0, "out_of_reach", "")], True),
+    ],
+)
+def test_a_fault_that_is_named_without_one_is_a_false_alarm(status, alarm):
+    assert false_alarm({"status": status}) is alarm
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,9 @@ FILE = diagram_path("dynamic.scenarios.yaml")
 def cell(faults, hold):
     """A cell without cameras whose arm stands still, and its scenario."""
     scenario = load_scenario(
-        FILE, "ReachLinearMocap", f"{{object: {{model: ball}}, faults: {faults}}}"
+        FILE,
+        "ReachLinearMocap",
+        f"{{object: {{model: ball}}, carrier: {{release_delay: 0}}, faults: {faults}}}",
     )
     scenario.cameras = {}
     station = make_station(scenario)
