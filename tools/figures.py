@@ -5,7 +5,8 @@ FILE`` stores the ``summary.json`` of a command first. A page has a table betwee
 ``<!-- table: NAME -->`` and ``<!-- end -->``; ``tools/tables.yaml`` says what is in it:
 
 - ``columns``: rows of summaries, with ``HEADING =`` before where it is not their standard term, or
-  one of `VIRTUAL`. Each of the ``lines`` is a stored file and a preset, which may have wildcards.
+  one of `VIRTUAL`, or ``*NAME`` for the columns in ``_NAME``. Each of the ``lines`` is a stored
+  file and a preset, which may have wildcards. A column that no line has is named below the table.
 - or ``presets``: columns are presets, and each of the ``lines`` is a stored file and a row.
 
 A line has a label if it is not the preset. ``{1}`` in it is the second part of the preset, and
@@ -29,8 +30,9 @@ import yaml
 from feasigrasp.runs.metrics.table import FIGURES, UNITLESS
 from tools.stored import ROOT, STORE, FigureError, Stored, commit_of, read, store
 
-PAGES = (ROOT / "README.md", ROOT / "docs" / "results.md")
+PAGES = (ROOT / "README.md", ROOT / "docs" / "results.md", ROOT / "docs" / "safety.md")
 TABLES = Path(__file__).with_name("tables.yaml")
+NOT_MEASURED = "not measured"
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _AGES = re.compile(r"Ages are in commits before number (\d+), of ([\d-]+)\.")
 
@@ -62,15 +64,34 @@ def made(table: Mapping[str, Any], commit: int, folder: Path = STORE) -> str:
     """
     sources: dict[str, Stored] = {}
     lines = list(_lines(table["lines"], sources, folder))
-    make = _by_preset if "columns" in table else _by_row
-    rows = make((table.get("columns") or table["presets"]).split(", "), lines, commit)
+    if "columns" in table:
+        rows = _by_preset(_columns(table["columns"]), lines, commit)
+        rows, missing = _without_missing(rows)
+    else:
+        rows, missing = _by_row(table["presets"].split(", "), lines, commit), []
     text = _markdown(rows)
     if "revision and age" not in rows[0]:
         ages: dict[str, list[str]] = {}
         for name, source in sources.items():
             ages.setdefault(source.age(commit), []).append(f"`{name}`")
         text += "\n\n" + "; ".join(f"{', '.join(of)}: {age}" for age, of in ages.items()) + "."
+        if missing:
+            text += f" {NOT_MEASURED.capitalize()}: {', '.join(missing)}."
     return text
+
+
+def _columns(text: str) -> list[str]:
+    """The columns of a table, with those that more than one table has."""
+    shared = yaml.safe_load(TABLES.read_text())
+    return re.sub(r"\*(\w+)", lambda match: str(shared[f"_{match[1]}"]), text).split(", ")
+
+
+def _without_missing(rows: list[list[str]]) -> tuple[list[list[str]], list[str]]:
+    """A table without the columns that were measured in no line, and the headings of those."""
+    columns = list(zip(*rows, strict=True))
+    missing = [column for column in columns if {*column[1:]} <= {NOT_MEASURED}]
+    kept = [list(row) for row in zip(*(c for c in columns if c not in missing), strict=True)]
+    return kept, [column[0].partition(" [")[0] for column in missing]
 
 
 def counted_to(text: str) -> tuple[int, str]:
@@ -123,7 +144,8 @@ def _by_preset(columns: list[str], lines: list[_Line], commit: int) -> list[list
             make = VIRTUAL.get(
                 name, lambda stored, preset, _, name=name: _cell(stored, name, preset)
             )
-            cells.append(" / ".join(make(stored, preset, commit) for stored, preset in sources))
+            texts = [make(stored, preset, commit) for stored, preset in sources]
+            cells.append(" / ".join(dict.fromkeys(texts) if {*texts} == {NOT_MEASURED} else texts))
         table.append([label, *cells])
     return table
 
@@ -144,7 +166,7 @@ def _by_row(columns: list[str], lines: list[_Line], _: int) -> list[list[str]]:
                     whose = f"{preset.rpartition(':')[2]} " if "*" in pattern else ""
                     texts.append(f"{whose}{text}".rstrip())
             cells.append(", ".join(texts) or "-")
-        table.append([f"{label} `{sources[0][1]}`", *cells])
+        table.append([label, *cells])
     return table
 
 
@@ -154,15 +176,21 @@ def _column(text: str) -> tuple[str, str]:
     figure = FIGURES.get(name)
     if figure is not None or name.startswith("cause."):
         term = figure.head if figure is not None else name
-        return f"{head or term} `{name}`", f"dynamic.{name}"
-    return (f"{head} `{name}`" if head and "." in name else head or name), name
+        return head or f"{term} `{name}`", f"dynamic.{name}"
+    return head or name, name
 
 
 def _cell(stored: Stored, name: str, preset: str) -> str:
     """A value, for grasp success with its interval."""
-    row = stored.rows.get((name, preset))
+    of_static = name.replace("dynamic.", "static.")
+    row = stored.rows.get((name, preset)) or stored.rows.get((of_static, preset))
     if row is None:
-        return "-"
+        metric = name.removeprefix("dynamic.") in FIGURES and "change" not in name
+        return NOT_MEASURED if metric else "-"
+    if row.tuned is None and name.endswith(".held_percent") and stored.git:
+        raise FigureError(
+            f"{preset} of {stored.command}: constants were chosen on some of its runs"
+        )
     figure = FIGURES.get(name.removeprefix("dynamic."))
     if figure is not None:
         text = figure.text(row.value + 0.0)
@@ -201,6 +229,12 @@ def _lost(stored: Stored, preset: str, _: int) -> str:
     return ", ".join(f"{what} {n}" for what, n in counts.most_common() if n) or "none"
 
 
+def _tuned(stored: Stored, preset: str, _: int) -> str:
+    """Whether constants were chosen on the runs."""
+    row = next(row for (_, other), row in stored.rows.items() if other == preset)
+    return "yes" if row.tuned else "no"
+
+
 def _age(stored: Stored, _: str, commit: int) -> str:
     return stored.age(commit)
 
@@ -220,6 +254,7 @@ VIRTUAL: dict[str, Callable[[Stored, str, int], str]] = {
     "runs": _runs,
     "failures": _failures,
     "failed objects": _lost,
+    "constants chosen on them": _tuned,
     "revision and age": _age,
 }
 

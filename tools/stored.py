@@ -11,6 +11,7 @@ from typing import Any
 
 from feasigrasp.runs.metrics.table import FIGURES, METRICS
 from feasigrasp.runs.results.rows import Row
+from feasigrasp_lab.protocols.tuned import TUNED
 from feasigrasp_lab.report.paper_tables import (
     TABLE_1,
     TABLE_2,
@@ -76,9 +77,9 @@ def read(name: str, folder: Path = STORE) -> Stored:
         raise FigureError(f"{name} is not stored: python tools/figures.py store {name} FILE")
     content = json.loads(file.read_text())
     rows = {
-        (row, preset): Row(row, preset, value, low, high, found["unit"], n)
+        (row, preset): Row(row, preset, value, low, high, found["unit"], n, next(iter(tuned), None))
         for row, found in content.pop("rows").items()
-        for preset, (value, low, high, n) in found["presets"].items()
+        for preset, (value, low, high, n, *tuned) in found["presets"].items()
     }
     about = {key: content.pop(key) for key in ("command", "git", "commit", "date")}
     return Stored(**about, rows=rows, more=content)
@@ -120,7 +121,8 @@ def store(name: str, file: Path, folder: Path = STORE) -> Path:
         if row.name not in _MINOR and _is_kept(row):
             found = rows.setdefault(row.name, {"unit": row.unit, "presets": {}})
             values = (row.value, row.low, row.high)
-            found["presets"][row.preset] = [*map(_rounded, values), row.n]
+            tuned = [] if row.tuned is None else [row.tuned]
+            found["presets"][row.preset] = [*map(_rounded, values), row.n, *tuned]
     head = {key: summary.pop(key) for key in ("command", "git")}
     content = head | {"commit": commit, "date": date} | summary | {"rows": rows}
     text = json.dumps(content, indent=1)
@@ -138,7 +140,7 @@ def _is_kept(row: Row) -> bool:
     """
     if not row.name.startswith("dynamic."):
         return True
-    scenario, _, rest = row.preset.partition("/")
+    scenario, _, rest = row.preset.removeprefix(TUNED).partition("/")
     base, _, change = scenario.partition("-")
     speed = change.startswith(("at-", "spin-"))
     if rest.count("/") == 2:

@@ -27,6 +27,7 @@ from feasigrasp.outputs import write_text
 from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.results.statistics import grouped
 from feasigrasp.scenario.files import parse_scenario
+from feasigrasp_lab.protocols.tuned import TUNED
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.results.markdown import markdown_html
 from feasigrasp_lab.runs.isolated import run_isolated
@@ -99,7 +100,7 @@ def outcomes_of_rows(rows: Sequence[Row]) -> Outcomes:
     """The same by the rows of a summary, whose runs are not there any more."""
     found: dict[str, tuple[int, int]] = {}
     for row in rows:
-        *condition, model = row.preset.split("/")
+        *condition, model = row.preset.removeprefix(TUNED).split("/")
         dynamic = row.name == "dynamic.held_percent" and len(condition) == 3
         whole = dynamic and condition[0].startswith("all")  # has these runs once more
         if (dynamic and not whole) or row.name == "static.object_held_percent":

@@ -8,6 +8,8 @@ summary a table of its rows. With ``--html`` it is a page as well.
 from __future__ import annotations
 
 import argparse
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from feasigrasp.errors import FeasigraspError, InputError, OutputError
 from feasigrasp.inputs import read_json
 from feasigrasp.outputs import write_text
 from feasigrasp.runs.results.rows import Row
+from feasigrasp_lab.protocols.tuned import TUNED
 from feasigrasp_lab.report.curves import FIGURE
 from feasigrasp_lab.report.html_report import write_page
 from feasigrasp_lab.report.tables import dynamic_report, faults_report, static_report
@@ -78,7 +81,7 @@ def sections(folder: Path) -> dict[Path, str]:
                 f"{file} is no summary ({error!s:.200}); repeat the command that makes it"
             ) from error
         if file.parent != folder:  # every folder has figures of the same names
-            section = section.replace(f"]({FIGURE})", f"]({file.parent.name}/{FIGURE})")
+            section = re.sub(rf"\]\((tuned/)?({FIGURE})\)", rf"]({file.parent.name}/\1\2)", section)
         found[file] = section
     return found
 
@@ -88,15 +91,25 @@ def _section(file: Path) -> str:
     rows = [Row(**row) for row in summary["rows"]]
     found = summary.get("conditions")
     conditions = conditions_text(found) if found else ""
-    body = ""
+    tuned = [row for row in rows if row.preset.startswith(TUNED)]
+    parts = [f"## `{summary['command']}`", _origin(summary)]
+    parts.append(_body([row for row in rows if row not in tuned], file.parent, conditions))
+    if tuned:
+        plain = [replace(row, preset=row.preset.removeprefix(TUNED)) for row in tuned]
+        part = _body(plain, file.parent / "tuned", conditions)
+        part = part.replace(f"]({FIGURE})", f"](tuned/{FIGURE})")
+        parts += ["## Runs that constants were chosen on", part]
+    return "\n\n".join(parts)
+
+
+def _body(rows: list[Row], folder: Path, conditions: str) -> str:
     if any(row.name.startswith("dynamic.") for row in rows):
-        body = dynamic_report(rows, file.parent, conditions)
+        return dynamic_report(rows, folder, conditions)
     if any(row.name.startswith("faults.held") for row in rows):
-        body = faults_report(rows)
+        return faults_report(rows)
     if any(row.name.startswith("static.") for row in rows):
-        body = static_report(rows, conditions)
-    body = body or "\n\n".join(filter(None, [_plain_table(rows), conditions]))
-    return f"## `{summary['command']}`\n\n{_origin(summary)}\n\n{body}"
+        return static_report(rows, conditions)
+    return "\n\n".join(filter(None, [_plain_table(rows), conditions]))
 
 
 def _origin(summary: dict[str, Any]) -> str:

@@ -14,6 +14,7 @@ from feasigrasp_lab.protocols.fault_table import FAULTS
 from feasigrasp_lab.report.curves import FIGURE, Rows, curve_points, draw_curves
 from feasigrasp_lab.report.paper_tables import TABLE_1, TABLE_1_ABLATION, TABLE_2, TABLE_2_COLUMNS
 from feasigrasp_lab.results.markdown import markdown_table
+from feasigrasp_lab.runs.summary import HANDLING
 
 _LIMITS = (
     "joint_limit_violation_percent",
@@ -55,6 +56,7 @@ _TABLES = (
         "Not in the paper",
         r"Paper\w+/\w+/\w+",
         (
+            *HANDLING,
             *_LIMITS[1:],
             "grasp_position_error_mm_median",
             "grasp_angle_error_deg_median",
@@ -68,7 +70,7 @@ _TABLES = (
     _Table(
         "Success over speed",
         r"[\w-]+/[\d.]+",
-        ("held_percent", "closing_speed_m_s", "held_after_s", _CAUSES),
+        ("held_percent", "closing_speed_m_s", "held_after_s", *HANDLING, _CAUSES),
     ),
     _Table(
         "Ablations",
@@ -78,7 +80,7 @@ _TABLES = (
             "held_change_percent",
             "held_after_s",
             "held_after_change_s",
-            "pushed_percent",
+            *HANDLING,
         ),
         ablations=True,
         note="Changes are those of the same object, scenario and seed against `full`; of times, "
@@ -89,9 +91,7 @@ _TABLES = (
         r"(?!Paper)[\w-]+/\w+/\w+",
         (
             "held_percent",
-            "pushed_percent",
-            "pushed_mm_max",
-            "contact_before_closing_percent",
+            *HANDLING,
             "self_collision_percent",
             *_LIMITS,
             r"obstacle_distance_min_mm.*",
@@ -175,9 +175,11 @@ def static_report(rows: Sequence[Row], conditions: str = "") -> str:
     """
     found = _by_preset(rows, "static.")
     mean, deviation = TABLE_1
-    lines = [["printed: the paper", f"{mean:.2f} ({deviation:.2f})", "-", "-"]]
+    names = [name for name in HANDLING if any(name == n for _, n in found)]
+    empty = ["-"] * (len(names) + 2)
+    lines = [["printed: the paper", f"{mean:.2f} ({deviation:.2f})", *empty]]
     for stage, share in zip(("", "+filter", "+filter+reachability"), TABLE_1_ABLATION, strict=True):
-        lines.append([f"printed: network{stage}", f"{share:.1f}", "-", "-"])
+        lines.append([f"printed: network{stage}", f"{share:.1f}", *empty])
     for (preset, name), row in found.items():
         if name == "held_percent":
             causes = [
@@ -185,8 +187,10 @@ def static_report(rows: Sequence[Row], conditions: str = "") -> str:
                 for (p, n), why in found.items()
                 if p == preset and n.startswith("cause.")
             ]
-            lines.append([preset, _cell(row, 1), ", ".join(causes) or "-", str(row.n)])
-    table = markdown_table(["protocol", "held [%]", "why not [%]", "trials"], lines)
+            cells = [_cell(found.get((preset, key)), _digits(key)) for key in names]
+            lines.append([preset, _cell(row, 1), *cells, ", ".join(causes) or "-", str(row.n)])
+    heads = ["protocol", "held [%]", *map(_head, names), "why not [%]", "trials"]
+    table = markdown_table(heads, lines)
     parts = ["### Grasping objects at rest", table, conditions]
     parts += _object_table(found, "object_held_percent", conditions)
     return "\n\n".join(filter(None, parts))

@@ -25,8 +25,6 @@ from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.runs.plan import PlannedRun
 from feasigrasp_lab.runs.studies import STUDIES
 
-#: The object moves as in these, in turn.
-MOTIONS = STUDIES["mocap"].scenarios
 #: Metrics that say that a limit was broken: their share of samples or ticks [%].
 _LIMITS = (
     "joint_limit_violation_percent",
@@ -74,17 +72,18 @@ def nominal_runs(args: argparse.Namespace) -> list[FaultRun]:
         objects, controllers, instants = objects[:1], controllers[:1], instants[1:2]
     filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
     # The mode's values depend on the controller: both are settled when the file is read.
+    motions = STUDIES["reach" if args.camera else "mocap"].scenarios
     cells = {
         (motion, controller): load_scenario(
             filename, motion, args.scenario_text, f"{{control: {{controller: {controller}}}}}"
         )
-        for motion, controller in itertools.product(MOTIONS, controllers)
+        for motion, controller in itertools.product(motions, controllers)
     }
     runs = []
     for (j, (name, model)), controller, k in itertools.product(
         enumerate(objects), controllers, instants
     ):
-        motion = MOTIONS[(j + k) % len(MOTIONS)]
+        motion = motions[(j + k) % len(motions)]
         scenario = copy.deepcopy(cells[motion, controller])
         scenario.random_seed = scenario.tracker.seed = args.seed + k
         scenario.object.model = model

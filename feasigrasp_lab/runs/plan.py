@@ -115,6 +115,15 @@ def add_plan_arguments(parser: argparse.ArgumentParser, default: str) -> None:
     parser.set_defaults(seed=None)
 
 
+def add_camera_argument(parser: argparse.ArgumentParser) -> None:
+    """Adds the choice of the sensing."""
+    parser.add_argument(
+        "--camera",
+        action="store_true",
+        help="Mask and pose of the object by the wrist camera alone. Default: both are given.",
+    )
+
+
 def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds where scenarios come from, and what is changed in them."""
     default = diagram_path("dynamic.scenarios.yaml").name

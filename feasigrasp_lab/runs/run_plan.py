@@ -13,10 +13,18 @@ from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.sampling import largest_speed
 from feasigrasp.scenario.schema import Scenario, Segmentation
 from feasigrasp_lab.protocols.ablations import without_ablation
+from feasigrasp_lab.protocols.tuned import is_tuned
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.results.workers import shard_folders
 from feasigrasp_lab.runs.isolated import report_crashes, run_all
 from feasigrasp_lab.runs.plan import Plan, PlannedRun
+
+#: Whether constants were chosen on the runs; None if on some of them.
+_TUNED = {
+    True: "constants were chosen on these runs",
+    False: "no constant was chosen on these runs",
+    None: "constants were chosen on the runs of presets `tuned:`",
+}
 
 
 def conditions_text(found: Mapping[str, Any]) -> str:
@@ -44,6 +52,8 @@ def conditions_text(found: Mapping[str, Any]) -> str:
         f"{len(objects)} object{'s' * (len(objects) > 1)}: {', '.join(objects)}",
         f"seeds {_ranges(found['seeds'])}",
     ]
+    if "tuned" in found:
+        parts.append(_TUNED[found["tuned"]])
     parts += [f"left out: {name} ({why})" for name, why in left_out.items()]
     parts += [] if left_out else ["no object left out"]
     return f"Conditions: {'; '.join(parts)}."
@@ -97,6 +107,7 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
     by_name: dict[str, Scenario] = {}
     for planned in runs:
         by_name.setdefault(without_ablation(planned.name), planned.scenario)
+    tuned = {is_tuned(p.name, p.object_name, p.scenario.random_seed) for p in runs}
     return {
         "split": split,
         "speeds": {name: _speeds(scenario) for name, scenario in by_name.items()},
@@ -111,6 +122,7 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
         "objects": list(dict.fromkeys(planned.object_name for planned in runs)),
         "left_out": plan.left_out,
         "seeds": sorted({planned.scenario.random_seed for planned in runs}),
+        "tuned": tuned.pop() if len(tuned) == 1 else None,
     }
 
 

@@ -59,15 +59,17 @@ _MOCAP = tuple(f"{name}Mocap" for name in _REACH)
 _PAPER = ("PaperCircular", "PaperLinear", "PaperSinusoidal")
 _CLUTTER = ("ReachLinearCarried", "ReachLinearBelt", "ReachLinearBeside", "ReachLinearAlong")
 
+_BESIDE_WALL = f"{PAPER_OBJECT},soup_can,small_box"
+
 #: ``reach`` grasps and lifts moving objects of all kinds with the wrist camera alone, ``clutter``
 #: where it also sees what carries the object, or another one beside it; in ``truth`` pose and
 #: pixels are given, with the same camera and its noise; in ``mocap`` likewise, with a better
 #: camera, as in all others: ``ideal`` with perfect sensors, ``tracking`` with the errors of motion
-#: capture, ``obstacle`` beside a wall; ``paper`` is the paper's dynamic test, slowly and four times
-#: as fast; ``speed`` and ``spin`` are the curves of success over how fast the object moves and
-#: turns, ``speed-camera`` the first with the camera alone; ``degradations`` is what errors of
-#: sensors and other objects cost, each alone and all together; ``ablation`` what each part of the
-#: system is worth.
+#: capture, ``obstacle`` beside a wall (``obstacle-camera`` by the camera alone); ``paper`` is the
+#: paper's dynamic test, slowly and four times as fast; ``speed`` and ``spin`` are the curves of
+#: success over how fast the object moves and turns, ``speed-camera`` the first with the camera
+#: alone; ``degradations`` is what errors of sensors and other objects cost, each alone and all
+#: together; ``ablation`` what each part of the system is worth.
 STUDIES = {
     "reach": Study(_REACH, seeds=2),
     "truth": Study(_REACH, seeds=2, variants={"-truth": given_truth}),
@@ -75,7 +77,8 @@ STUDIES = {
     "mocap": Study(_MOCAP, seeds=3),
     "ideal": Study(_MOCAP, variants={"-ideal": perfect_sensors}),
     "tracking": Study(_MOCAP, variants={"-tracking": motion_capture}),
-    "obstacle": Study(("ReachObstacleMocap",), f"{PAPER_OBJECT},soup_can,small_box", 3),
+    "obstacle": Study(("ReachObstacleMocap",), _BESIDE_WALL, 3),
+    "obstacle-camera": Study(("ReachObstacle",), _BESIDE_WALL, 3),
     "paper": Study(
         _PAPER + tuple(f"{name}Fast" for name in _PAPER),
         PAPER_OBJECT,

@@ -15,15 +15,32 @@ from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.results.statistics import grouped, mean_of_objects
 from feasigrasp_lab.protocols.ablations import ablation_rows, controller_rows
 from feasigrasp_lab.protocols.speed import curve_point
+from feasigrasp_lab.protocols.tuned import rows_apart
 from feasigrasp_lab.runs.studies import suffix_of
 
 Record = dict[str, Any]
 
+#: Rows that every table of runs shows: what the arm did to the object, and its true acceleration.
+HANDLING = (
+    "pushed_percent",
+    "pushed_mm_max",
+    "contact_before_closing_percent",
+    "contact_impulse_n_s",
+    "displaced_mm",
+    "turned_deg",
+    "true_acceleration_peak_percent",
+    "true_acceleration_violation_percent",
+)
 #: Columns of the printed table: head, row name.
 _COLUMNS = (
     ("held %", "held_percent"),
     ("pushed %", "pushed_percent"),
+    ("push mm", "pushed_mm_max"),
     ("contact %", "contact_before_closing_percent"),
+    ("impulse N s", "contact_impulse_n_s"),
+    ("displaced mm", "displaced_mm"),
+    ("turned deg", "turned_deg"),
+    ("true a %", "true_acceleration_violation_percent"),
     ("q limits %", "joint_limit_violation_percent"),
     ("v limits %", "velocity_limit_violation_percent"),
     ("a limits %", "acceleration_limit_violation_percent"),
@@ -54,7 +71,7 @@ _PLAIN: dict[Over, Callable[[Sequence[float]], Any]] = {
 
 
 def summary_rows(records: Sequence[Record]) -> list[Row]:
-    """Figures per scenario and controller, per controller, and over all runs.
+    """Figures per scenario and controller, per controller, and over all runs (`rows_apart`).
 
     Presets are ``<scenario>/<controller>/<mode>``, with ``all`` (and the suffix of a study) where
     runs are put together, ``<motion>/<m/s>`` for the points of the speed curve, and
@@ -66,6 +83,10 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
     Args:
         records: Records of runs.
     """
+    return rows_apart(records, _summary_rows)
+
+
+def _summary_rows(records: Sequence[Record]) -> list[Row]:
     causes = sorted({run["metrics"].get("cause") for run in records} - {None})
     presets = ("{scenario}/{controller}/{mode}", "{all}/{controller}/{mode}", "{all}/all/{mode}")
     rows = []
@@ -77,6 +98,12 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
             for name in _PER_OBJECT:
                 rows += _mean_row(name, preset, group)
     return rows + ablation_rows(records) + controller_rows(records)
+
+
+def handling_rows(preset: str, records: Sequence[Record]) -> list[Row]:
+    """The rows `HANDLING` of a group of runs, of the command ``evaluate dynamic``."""
+    names = [f"dynamic.{name}" for name in HANDLING]
+    return [row for row in _group_rows(preset, records, ()) if row.name in names]
 
 
 def _groups(records: Sequence[Record], *presets: str) -> dict[str, list[Record]]:

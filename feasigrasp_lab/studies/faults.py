@@ -19,6 +19,7 @@ from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_cs
 from feasigrasp.runs.results.statistics import grouped
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp_lab.protocols.fault_table import FAULTS
+from feasigrasp_lab.protocols.tuned import rows_apart
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.runs.fault_plan import (
     FaultRun,
@@ -29,7 +30,7 @@ from feasigrasp_lab.runs.fault_plan import (
 )
 from feasigrasp_lab.runs.fault_probe import blind_pairs, leaks, rest_times
 from feasigrasp_lab.runs.isolated import report_crashes, run_all
-from feasigrasp_lab.runs.plan import add_scenario_arguments
+from feasigrasp_lab.runs.plan import add_camera_argument, add_scenario_arguments
 
 #: The fault after which the arm must come to rest, and how long that is looked at [s].
 _LOST, _LOOKED_AT = "pose_nan", 2.5
@@ -48,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--instants", type=positive, default=5, help="Number of random start times of a fault."
     )
+    add_camera_argument(parser)
     add_scenario_arguments(parser)
 
 
@@ -61,8 +63,10 @@ def main(args: argparse.Namespace) -> int:
     write_csv(args.out / "runs.csv", outcomes)
     alarms = [false_alarm(record) for record in before]
     rows = [
-        *outcome_rows(outcomes),
-        Row.percent("faults.false_alarm_percent", "none", alarms),
+        *rows_apart(outcomes, outcome_rows),
+        Row.percent(
+            "faults.false_alarm_percent", "none", alarms, [run.object_name for run in nominal]
+        ),
         *_probe_rows(args, nominal, runs),
     ]
     report_rows(args, "evaluate faults", rows, format_rows(rows))

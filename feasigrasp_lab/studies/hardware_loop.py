@@ -1,9 +1,9 @@
 """``feasigrasp evaluate hardware-loop``: grasp over the drivers' messages, with process faults.
 
-A simulated cell and a controller as two processes: the runs of ``evaluate dynamic --study mocap``,
-and the same with a controller, or a process that perceives or plans for it, that is killed or
-stopped at random instants, or with a bad network; beside them the same runs in one process. Judged
-in the simulator's process.
+A simulated cell and a controller as two processes: the runs of ``evaluate dynamic --study mocap``
+(with ``--camera``: ``reach``), and the same with a controller, or a process that perceives or plans
+for it, that is killed or stopped at random instants, or with a bad network; beside them the same
+runs in one process. Judged in the simulator's process.
 """
 
 from __future__ import annotations
@@ -25,11 +25,18 @@ from feasigrasp.runs.results.arguments import (
 )
 from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp.scenario.files import dump_scenario
+from feasigrasp_lab.protocols.tuned import rows_apart
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.runs.hardware_network import Network
 from feasigrasp_lab.runs.hardware_pair import ProcessFault, run_pair
 from feasigrasp_lab.runs.isolated import run_all
-from feasigrasp_lab.runs.plan import PlannedRun, Split, add_scenario_arguments, plan
+from feasigrasp_lab.runs.plan import (
+    PlannedRun,
+    Split,
+    add_camera_argument,
+    add_scenario_arguments,
+    plan,
+)
 
 #: Metrics that say that a limit was broken: their share of samples or ticks [%].
 LIMITS = (
@@ -73,12 +80,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--networks", type=positive, default=6, help="Number of runs for each network impairment."
     )
+    add_camera_argument(parser)
     add_scenario_arguments(parser)
-    parser.set_defaults(study="mocap", split=Split.DEVELOPMENT, scenarios=None, mode=["safe"])
+    parser.set_defaults(split=Split.DEVELOPMENT, scenarios=None, mode=["safe"])
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
+    args.study = "reach" if args.camera else "mocap"
     runs = plan(args).runs
     if args.quick:
         runs, args.process_faults, args.networks = runs[:1], 2, 0
@@ -91,10 +100,7 @@ def main(args: argparse.Namespace) -> int:
     found = finish_all(items, folder, rate, outcome, jobs=pairs, desc="two processes")
     outcomes = [outcome for (outcome,) in found.values()]
     write_csv(args.out / "pairs.csv", outcomes)
-    rows = outcome_rows(outcomes)
-    held = [bool(record["metrics"]["grasp_held"]) for record in inline]
-    objects = [record["object"] for record in inline]
-    rows.insert(0, Row.percent("hardware.held_percent", "inline", held, objects))
+    rows = [*rows_apart(inline, inline_rows), *rows_apart(outcomes, outcome_rows)]
     report_rows(args, "evaluate hardware-loop", rows, format_rows(rows))
     return int(any(outcome["crashed"] for outcome in outcomes))
 
@@ -111,7 +117,9 @@ def planned_pairs(
     # Instants of a fault are drawn from this time after the first command [s].
     return {
         f"{number}-{fault or 'none'}-{run.id}": {
-            "object": run.scenario.object.model,
+            "scenario": run.name,
+            "object": run.object_name,
+            "seed": run.scenario.random_seed,
             "text": dump_scenario(run.scenario),
             "fault": str(fault),
             "at": float(rng.uniform(0.5, 6.0)),
@@ -131,7 +139,8 @@ def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
         item: One of `planned_pairs`.
         rate: Of the simulation, at most.
     """
-    record: Record = {"name": name} | {key: item[key] for key in ("object", "fault", "at")}
+    about = ("scenario", "object", "seed", "fault", "at")
+    record: Record = {"name": name} | {key: item[key] for key in about}
     try:
         report = run_pair(name, item["text"], rate=rate, fault=item["fault"], at=item["at"])
     except FeasigraspError as error:
@@ -147,6 +156,13 @@ def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
     record |= {key: received[key] for key in _RECEIVED}
     record |= {"image_to_grasps_ms": report.get("on_hardware", {}).get("image_to_grasps_ms")}
     return [record | {"real_time_factor": report["timings"]["real_time_factor"]}]
+
+
+def inline_rows(records: Sequence[Record]) -> list[Row]:
+    """Grasp success in one process."""
+    held = [bool(record["metrics"]["grasp_held"]) for record in records]
+    objects = [record["object"] for record in records]
+    return [Row.percent("hardware.held_percent", "inline", held, objects)]
 
 
 def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:

@@ -12,6 +12,7 @@ import argparse
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -31,11 +32,19 @@ from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.measures.grasps import GRASPABLE, is_graspable
 from feasigrasp_lab.paper.judge import JudgeMethod
 from feasigrasp_lab.protocols.changes import Change, both
+from feasigrasp_lab.protocols.tuned import rows_apart
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.results.workers import add_worker_arguments
-from feasigrasp_lab.runs.plan import Plan, Split, add_scenario_arguments, plan_run
+from feasigrasp_lab.runs.plan import (
+    Plan,
+    Split,
+    add_camera_argument,
+    add_scenario_arguments,
+    plan_run,
+)
 from feasigrasp_lab.runs.run_plan import conditions_text, run_plan
 from feasigrasp_lab.runs.studies import Study
+from feasigrasp_lab.runs.summary import handling_rows
 from feasigrasp_lab.training.data.grasp_examples import true_input
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 
@@ -90,7 +99,8 @@ ABLATIONS: dict[str, Change] = {
 }
 
 
-SCENARIO = "Static"
+#: The scenario by whether pose and mask are measured by the camera.
+SCENARIOS = {False: "Static", True: "StaticCamera"}
 #: Why an object is left out whose surface has no grasp.
 _NO_GRASP = (
     "its true surface has no grasp for this hand: valid contact pairs start at fewer than "
@@ -121,6 +131,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=str(ControlSpace.TASK),
         help="Controller.",
     )
+    add_camera_argument(parser)
     add_scenario_arguments(parser)
     add_worker_arguments(parser)
 
@@ -139,13 +150,14 @@ def plan(args: argparse.Namespace) -> Plan:
         MeshError: Nothing is left that can be grasped.
         ScenarioError: Unknown protocol.
     """
-    study = Study((SCENARIO,), variants=_variants(args.protocols, ablation=args.ablation))
+    scenario = SCENARIOS[args.camera]
+    study = Study((scenario,), variants=_variants(args.protocols, ablation=args.ablation))
     objects, left_out = _graspable(args)
     if not objects:
         raise MeshError(f"{args.objects}: nothing can be grasped: {left_out}")
     trials = range(args.seed, args.seed + (2 if args.quick else args.trials))
     runs = [
-        plan_run(args, SCENARIO, study, chosen, variant, args.controller, "safe", seed)
+        plan_run(args, scenario, study, chosen, variant, args.controller, "safe", seed)
         for variant, chosen, seed in itertools.product(study.variants, objects.items(), trials)
     ]
     return Plan(runs, left_out)
@@ -195,25 +207,30 @@ def judge(name: str, item: str) -> list[Record]:
 
 
 def summary_rows(records: Sequence[Record]) -> list[Row]:
-    """What was held, and why not, by protocol, ablation and object; times by protocol.
+    """Grasp success and causes of failure, by protocol, ablation and object (`rows_apart`).
 
     Args:
-        records: Records of trials, their scenario ``Static-<protocol>[-<part>]``.
+        records: Records of trials, their scenario ``Static[Camera]-<protocol>[-<part>]``.
     """
+    return rows_apart(records, _summary_rows)
+
+
+def _summary_rows(records: Sequence[Record]) -> list[Row]:
     rows = []
     for scenario, group in grouped(records, itemgetter("scenario")).items():
-        preset = scenario.removeprefix(f"{SCENARIO}-").replace("-", "/", 1)
+        preset = scenario.partition("-")[2].replace("-", "/", 1)
         rows += _outcomes(preset, group)
         if "/" not in preset:
             rows += _time_rows(preset, group)
+            rows += [
+                replace(row, name=row.name.replace("dynamic.", "static."))
+                for row in handling_rows(preset, group)
+            ]
             for name, of_object in grouped(group, lambda run: Path(run["object"]).stem).items():
                 rows += _outcomes(f"{preset}/{name}", of_object, "static.object_")[:1]
     whole = [row for row in rows if row.name == "static.held_percent" and "/" not in row.preset]
     if any("/" in row.preset for row in rows if row.name == "static.held_percent"):
-        rows += [
-            Row(row.name, f"{row.preset}/{WHOLE}", row.value, row.low, row.high, row.unit, row.n)
-            for row in whole
-        ]
+        rows += [replace(row, preset=f"{row.preset}/{WHOLE}") for row in whole]
     return rows
 
 

@@ -32,6 +32,7 @@ class Row:
         high: Upper end.
         unit: Its unit.
         n: Number of runs or samples behind it.
+        tuned: Whether constants were chosen on these runs; None where that has no meaning.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Row:
     high: float | None
     unit: str
     n: int
+    tuned: bool | None = None
 
     @classmethod
     def plain(cls, name: str, preset: str, value: SupportsFloat, unit: str, n: int) -> Row:

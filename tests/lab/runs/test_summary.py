@@ -99,14 +99,14 @@ def test_objects_have_rows_of_their_own_if_there_are_several(found):
     assert not any(preset.count("/") == 3 for preset, _ in found)
     two = [
         record("PaperLinear", "task", None, distance=distance) | {"object": model}
-        for model, distance in [("duck", 1.0), ("duck", 2.0), ("/meshes/vase.obj", 6.0)]
+        for model, distance in [("duck", 1.0), ("duck", 2.0), ("/meshes/mug.obj", 6.0)]
     ]
     rows = {(row.preset, row.name): row for row in summary_rows(two)}
     name = "dynamic.gripper_object_distance_cm_mean"
     # Each object once: (1.5 + 6) / 2.
     assert rows["PaperLinear/task/safe", name].value == 3.75
     assert rows["PaperLinear/task/safe/duck", name].value == 1.5
-    assert rows["PaperLinear/task/safe/vase", name].n == 1
+    assert rows["PaperLinear/task/safe/mug", name].n == 1
     assert len(format_table(list(rows.values())).splitlines()) == 4
 
 

@@ -20,16 +20,17 @@ from feasigrasp_lab.protocols.fault_table import FAULTS
 from feasigrasp_lab.report.tables import faults_report
 from feasigrasp_lab.runs import isolated
 from feasigrasp_lab.runs.fault_plan import (
-    MOTIONS,
     FaultRun,
     false_alarm,
     faulty_runs,
     nominal_runs,
     outcome,
 )
+from feasigrasp_lab.runs.studies import STUDIES
 from feasigrasp_lab.studies import faults
 
 FILE = diagram_path("dynamic.scenarios.yaml")
+MOTIONS = STUDIES["mocap"].scenarios
 
 
 def options(*arguments):
@@ -81,6 +82,12 @@ def test_the_study_has_the_faults_that_it_must_have():
 def test_what_names_a_fault_is_a_status_or_a_cause():
     words = {str(word) for word in (*StatusCode, *Cause)}
     assert {name for fault in FAULTS.values() for name in fault.named} <= words
+
+
+def test_by_the_camera_alone_pose_and_mask_are_not_given():
+    for run in nominal_runs(options("--camera", "--instants", "2")):
+        assert run.scenario.tracker.kind == "camera"
+        assert run.scenario.perception.segmentation == "depth"
 
 
 def test_faults_begin_in_the_approach_of_the_run_without_them_or_in_its_lift():

@@ -39,7 +39,10 @@ print(*sorted(worker.pid for worker in workers), flush=True)
 input()
 """
 STATUS, IMAGES = channels.IIWA_STATUS, channels.image_channel("wrist_camera")
-RUNS = [SimpleNamespace(id=name, scenario=Scenario()) for name in "abc"]
+RUNS = [
+    SimpleNamespace(id=name, name="A", object_name="mug", scenario=Scenario()) for name in "abc"
+]
+ITEM = {"scenario": "A", "object": "mug", "seed": 0, "at": 1.0, "text": ""}
 
 
 def test_every_run_is_planned_once_and_faults_in_turn():
@@ -104,7 +107,7 @@ def test_what_counts_as_broken(monkeypatch, fault, change, broken):
     for part, values in change.items():
         record[part] |= values
     monkeypatch.setattr(hardware_loop, "run_pair", lambda *a, **k: record)
-    (found,) = outcome("x", {"object": "a", "fault": fault, "at": 1.0, "text": ""}, rate=1.0)
+    (found,) = outcome("x", ITEM | {"fault": fault}, rate=1.0)
     assert found["broken"] is broken and not found["crashed"]
 
 

@@ -77,6 +77,14 @@ def plan_of(*arguments, out="out"):
     return static.plan(parser.parse_args(["--out", str(out), "--jobs", "1", *arguments]))
 
 
+def test_by_the_camera_alone_pose_and_mask_are_not_given(monkeypatch, tmp_path):
+    monkeypatch.setattr(static, "judge", judge)
+    for run in plan_of("--camera", "--objects", "mug", "--trials", "1", out=tmp_path).runs:
+        assert run.name.startswith("StaticCamera-")
+        assert run.scenario.tracker.kind == "camera"
+        assert run.scenario.perception.segmentation == "depth"
+
+
 def test_rules_are_what_they_are_called(monkeypatch, tmp_path):
     monkeypatch.setattr(static, "judge", judge)
     runs = plan_of("--objects", "mug", "--trials", "2", out=tmp_path).runs

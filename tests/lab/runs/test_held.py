@@ -1,0 +1,26 @@
+"""Seeded runs in other conditions that have to hold their object."""
+
+import pytest
+
+from feasigrasp.scenario.files import dump_scenario
+from feasigrasp_lab.runs.hardware_pair import run_pair
+from tests.held import assert_held, seeded
+
+
+@pytest.mark.parametrize(
+    ("name", "model", "controller"),
+    [
+        pytest.param("ReachCircularMocap", "small_box", "joint", id="in joint space"),
+        pytest.param("Static", "soup_can", "task", id="at rest"),
+        pytest.param("ReachObstacle", "small_box", "task", id="beside the wall"),
+    ],
+)
+def test_an_object_is_held(name, model, controller):
+    assert_held(name, model, controller)
+
+
+def test_an_object_is_held_over_two_processes():
+    """Cell and controller exchange the drivers' messages, at a quarter of real time."""
+    scenario = seeded("ReachLinearMocap", "small_box", "task")
+    metrics = run_pair("held", dump_scenario(scenario), rate=0.25)["metrics"]
+    assert metrics["grasp_held"] is True, metrics["cause"]
