@@ -11,7 +11,7 @@ setup-demo:
 
 demo: setup-demo
 	$(PYTHON) diagrams/dynamic_grasp.py --scenario-name ReachCircular --controller task \
-	  --object mustard_bottle --seed 4 --replay out/demo/replay.html --results out/demo/results.json
+	  --object mustard_bottle --seed 1 --replay out/demo/replay.html --results out/demo/results.json
 	@echo 'next: .venv/bin/feasigrasp run --help, or open out/demo/replay.html in a browser'
 
 # One thread for linear algebra: quicker on small matrices, and timings can be compared.
