@@ -41,6 +41,8 @@ def _metric(name: str, metric: Metric) -> dict[str, Any]:
 
 def run_schema() -> dict[str, Any]:
     """The schema of the file that ``feasigrasp run --results`` writes."""
+    count = {"type": "object", "additionalProperties": {"type": "integer", "minimum": 1}}
+    counts = dict.fromkeys(("sampler", "reachability"), count)
     status = [{"type": "number", "minimum": 0}, {"enum": [*StatusCode]}, {"type": "string"}]
     words = {"enum": sorted(controller_names())}
     properties = {
@@ -74,6 +76,15 @@ def run_schema() -> dict[str, Any]:
         "status": {
             "type": "array",
             "items": {"type": "array", "prefixItems": status, "minItems": 3, "maxItems": 3},
+        },
+        "rejected": {
+            "type": "array",
+            "items": {
+                "type": "array",
+                "prefixItems": [{"type": "number", "minimum": 0}, _object(counts)],
+                "minItems": 2,
+                "maxItems": 2,
+            },
         },
         "scenario_yaml": _TEXT,
     }

@@ -198,9 +198,8 @@ def run(
     times, samples, metrics = measured(diagram, context, scenario, broke_off=error is not None)
     metrics |= tick_times.metrics()
     timings = timings_of(built, started, ended, context.get_time())
-    history = status_history(diagram, context)
-    status = [[s.time, str(s.code), s.detail] for s in history]
-    record |= {"timings": timings, "metrics": metrics, "error": error, "status": status}
+    record |= {"timings": timings, "metrics": metrics, "error": error}
+    record |= status_history(diagram, context)
     keep(record)
     if meshcat is not None:
         pictures = diagram.GetSubsystemByName("camera_pictures").pictures
@@ -261,15 +260,17 @@ def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:
         "metrics": metrics,
         "error": error,
         "status": [],
+        "rejected": [],
         "scenario_yaml": dump_scenario(scenario),
     }
 
 
-def status_history(diagram: Diagram, context: Context) -> tuple[Status, ...]:
-    """History of the status monitor."""
+def status_history(diagram: Diagram, context: Context) -> dict[str, Any]:
+    """What the status monitor noted, for a record: ``status`` and ``rejected``."""
     monitor = diagram.GetSubsystemByName("status")
-    history: tuple[Status, ...] = monitor.history(monitor.GetMyContextFromRoot(context))
-    return history
+    context = monitor.GetMyContextFromRoot(context)
+    status = [[s.time, str(s.code), s.detail] for s in monitor.history(context)]
+    return {"status": status, "rejected": monitor.rejected(context)}
 
 
 def measured(

@@ -169,8 +169,17 @@ def add_perception(
         sampler: From the field to grasps; None where ``field`` puts out grasps as well.
         tracks_elsewhere: Whether the tracker, which looks at images that are segmented by their
             depth, does so in another process.
+
+    Raises:
+        ScenarioError: The tracker lacks an output port.
     """
     station, config, tracker = cell.station, cell.scenario.perception, cell["tracker"]
+    needed = ("object_pose", "object_velocity", *["keyframe"] * field.HasInputPort("keyframe"))
+    if missing := [name for name in needed if not tracker.HasOutputPort(name)]:
+        raise ScenarioError(
+            f"the tracker, a {type(tracker).__name__}, has no output port {' or '.join(missing)}; "
+            "derive it from ObjectTracker, with tracker: {kind: camera} from FieldTracker"
+        )
     cloud, labels, camera_pose = (
         station.GetOutputPort(f"{config.camera}.{name}")
         for name in ("point_cloud", "label_image", "pose")

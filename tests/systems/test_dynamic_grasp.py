@@ -225,3 +225,18 @@ def test_a_tracker_of_ones_own_may_look_at_images_and_needs_no_outputs_but_those
     diagram = make_dynamic_grasp(setting, tracker=OwnTracker())
     context = diagram.subsystems.tracker.GetMyContextFromRoot(diagram.CreateDefaultContext())
     assert diagram.subsystems.tracker.GetInputPort("point_cloud").HasValue(context)
+
+
+@pytest.mark.parametrize(
+    ("name", "outputs", "missing"),
+    [
+        ("ReachCircularMocap", ["object_pose"], "object_velocity"),
+        ("ReachCircular", ["object_pose", "object_velocity"], "keyframe"),
+    ],
+)
+def test_a_tracker_without_an_output_that_the_scenario_needs_is_refused(name, outputs, missing):
+    tracker = LeafSystem()
+    for output in outputs:
+        tracker.DeclareVectorOutputPort(output, 1, lambda context, value: None)
+    with pytest.raises(ScenarioError, match=f"LeafSystem, has no output port {missing};"):
+        make_dynamic_grasp(scenario(name), tracker=tracker)

@@ -109,9 +109,8 @@ def run_hardware(
         "wall_s": time.perf_counter() - started,
         "simulated_s": context.get_time(),
     }
-    history = status_history(loop.diagram, context)
-    status = [[s.time, str(s.code), s.detail] for s in history]
-    record |= {"error": error, "status": status, "metrics": dict.fromkeys(METRICS)}
+    record |= {"error": error, "metrics": dict.fromkeys(METRICS)}
+    record |= status_history(loop.diagram, context)
     latencies = loop.image_to_grasps
     record["on_hardware"] = {
         "messages_dropped": dict(loop.intake.dropped),

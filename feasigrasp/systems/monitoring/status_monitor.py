@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -42,6 +43,8 @@ LASTS = {
 }
 #: Time between two entries of a hand that goes on following [s]: a few lines in a run of 30 s.
 AGAIN = 3.0
+#: Time between two counts of rejected grasps [s]: 30 entries in a run of 30 s.
+COUNTED = 1.0
 #: What a tracker that says nothing of its pose is taken to mean.
 _AS_REPORTED = Tracking(TrackingState.TRACKING, 0.0)
 #: No error, or an unknown one [m], [rad].
@@ -63,6 +66,7 @@ class _Reported(Frozen):
         X_OH: Pose of the hand in the object, shape (4, 4), when that was let go, or now; None while
             the object's pose is not known.
         looks: What went on, each time that code or detail changed, oldest first.
+        rejected: Times [s] and how many grasps were rejected then, by stage and reason.
     """
 
     history: tuple[Status, ...] = ()
@@ -72,6 +76,7 @@ class _Reported(Frozen):
     touches: int = 0
     X_OH: Array | None = None
     looks: tuple[Status, ...] = ()
+    rejected: tuple[tuple[float, Mapping[str, Mapping[str, int]]], ...] = ()
 
     def received(self, time: float, code: StatusCode, detail: str, *known: Any) -> _Reported:
         """With what is judged now, the two counts and X_OH; what passes at once is not said.
@@ -97,6 +102,13 @@ class _Reported(Frozen):
         if now is None or (last and (now.code, now.detail) == (last.code, last.detail)):
             return replace(self, looks=before)
         return replace(self, looks=(*before, Status(time, now.code, now.detail)))
+
+    def counted(self, time: float, counts: Mapping[str, Mapping[str, int]]) -> _Reported:
+        """With the rejections of now, if they are others, at most once every `COUNTED` seconds."""
+        known = self.rejected
+        if known and (time < known[-1][0] + COUNTED - 1e-9 or known[-1][1] == counts):
+            return self
+        return replace(self, rejected=(*known, (time, counts)))
 
 
 def _least_error(X_OG: Array, X_OH: Array | None) -> tuple[float, float]:
@@ -189,6 +201,10 @@ class StatusMonitor(LeafSystem):
         looks: tuple[Status, ...] = self._reported.Eval(context).looks
         return looks
 
+    def rejected(self, context: Context) -> list[list[Any]]:
+        """Until now, ``[time in s, {stage: {reason: rejected grasps}}]``, oldest first."""
+        return [list(entry) for entry in self._reported.Eval(context).rejected]
+
     def status(self, context: Context) -> Status:
         """The present status."""
         now: Status | None = self._reported.Eval(context).now
@@ -205,6 +221,7 @@ class StatusMonitor(LeafSystem):
         # Those that are dropped before and after they are judged are only counted.
         for reason in (Rejection.HITS_SCENE, Rejection.UNOBSERVED, Rejection.TOO_HEAVY):
             verdicts[str(reason)] += reachable.rejected.get(reason, 0)
+        judged = {reason: n for reason, n in verdicts.items() if reason not in _FINE}
         phase, tracking = Phase(int(self._phase.Eval(context)[0])), _AS_REPORTED
         if self._tracking.HasValue(context):
             tracking = self._tracking.Eval(context)
@@ -226,7 +243,7 @@ class StatusMonitor(LeafSystem):
                 grasps=len(grasps),
                 rejected=grasps.rejected,
                 reachable=len(reachable),
-                verdicts={k: n for k, n in verdicts.items() if k not in map(str, _FINE)},
+                verdicts=judged,
                 command_faults=command_faults - reported.command_faults,
                 touches=touches - reported.touches,
                 speed=float(np.abs(self._velocity.Eval(context)).max()),
@@ -247,7 +264,11 @@ class StatusMonitor(LeafSystem):
         held = X_OH if held is None else held
         time = context.get_time()
         now = reported.received(time, code, detail, command_faults, touches, held)
-        return now.looked(time, reported.looks)
+        now = replace(now.looked(time, reported.looks), rejected=reported.rejected)
+        dropped = {"sampler": dict(grasps.rejected), "reachability": judged}
+        return now.counted(
+            time, {stage: {k: n for k, n in of.items() if n} for stage, of in dropped.items()}
+        )
 
     def _hand(self, context: Context) -> Array | None:
         """Pose of the hand in the object, shape (4, 4); None while that is nowhere."""

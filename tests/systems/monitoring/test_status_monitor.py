@@ -121,6 +121,25 @@ def test_an_object_out_of_reach_is_a_fault_only_if_it_stays_there():
     assert monitored.reported(4.5)[-1] == (StatusCode.OUT_OF_REACH, 2.1)
 
 
+def test_rejected_grasps_are_counted_by_stage_when_the_counts_change():
+    monitored = Monitored()
+    monitored.fix(verdicts=Value[object](("joint limits", "table", "table", "kept")))
+    monitored.reported(0.55)
+    few = {"joint limits": 1, "table": 2}
+    assert monitored.dut.rejected(monitored.context) == [[0.0, counts(few)]]
+    monitored.fix(grasps=GraspSet.empty({"too wide": 5, "none of these": 0}))
+    monitored.reported(0.95)  # once a second
+    assert len(monitored.dut.rejected(monitored.context)) == 1
+    monitored.reported(3.05)
+    (_, found), (time, last) = monitored.dut.rejected(monitored.context)
+    assert found == counts(few) and last == counts(few, {"too wide": 5})
+    assert time == pytest.approx(1.0)
+
+
+def counts(reachability, sampler=None):
+    return {"sampler": sampler or {}, "reachability": reachability}
+
+
 def test_an_object_that_turns_in_the_hand_slips():
     """The hand stays; the object in it turns by 15 degrees, and a lost pose says nothing."""
     monitored = Monitored()
