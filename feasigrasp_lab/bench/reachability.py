@@ -7,26 +7,19 @@ Timed on one thread unless a preset says otherwise; nothing is taken over from a
   in front of the arm are judged (``default``); and the whole filter on 1024 grasps with their flips
   on an object that moves, 1 s ahead, none left out as worse than others (``whole filter``).
 - ``bench.em_pass_s``: one pass of expectation maximisation.
-- ``bench.reachability_fit_s``, with ``--fit``: the command ``feasigrasp fit reachability``.
 """
 
 from __future__ import annotations
 
 import argparse
-import shutil
-import subprocess
-import sys
 import time
 from functools import partial
-from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.predicted_reachability import judge_grasps
@@ -36,7 +29,6 @@ from feasigrasp.runs.results.rows import Row
 from feasigrasp_lab.measures.timing import (
     Case,
     Timing,
-    installed,
     report_bench,
     time_cases,
     timing_row,
@@ -55,9 +47,6 @@ V_WO = np.array([0.0, 0.0, 0.2, 0.05, 0.05, 0.0])
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/bench_reachability", objects="builtin")
-    parser.add_argument(
-        "--fit", action="store_true", help="Time the whole fit too, which takes minutes."
-    )
 
 
 def random_grasps(seed: int) -> GraspSet:
@@ -77,8 +66,6 @@ def main(args: argparse.Namespace) -> int:
     reachable = np.mean(Reachability().verdicts(X_WO @ grasps.X_OG) == REACHABLE)
     with threadpool_limits(1):
         rows = _filter_rows(grasps, seconds) + _em_rows(args.seed, args.quick)
-    if args.fit:
-        rows.append(_fit_row(args))
     print(f"{reachable:.0%} of the {GRASPS} hand poses are reachable")
     report_bench(args, "reachability", rows, reachable_share=float(reachable))
     return 0
@@ -115,9 +102,6 @@ def _em_rows(seed: int, quick: bool) -> list[Row]:
         times = sorted(times[1:])
         timing = Timing(float(np.median(times)), times[0], times[-1], len(times))
         rows.append(timing_row("bench.em_pass_s", preset + size, timing))
-    if installed("sklearn", "scikit-learn"):
-        seconds = _scikit_learn_iteration(quaternions, positions, n, seed)
-        rows.append(Row.plain("bench.em_pass_s", f"peer:scikit-learn{size}", seconds, "s", 1))
     return rows
 
 
@@ -130,48 +114,3 @@ def _reached(n: int, rng: np.random.Generator) -> tuple[NDArray[np.float32], NDA
             bar.update(len(parts[-1].positions))
     quaternions = np.concatenate([part.quaternions for part in parts])[:n]
     return quaternions, np.concatenate([part.positions for part in parts])[:n]
-
-
-def _scikit_learn_iteration(
-    quaternions: NDArray[np.float32], positions: NDArray[np.float32], n: int, seed: int
-) -> float:
-    """Seconds of one Euclidean EM iteration in R^6: rotation vector and position, for n poses.
-
-    What three iterations take more than one, halved, so that initialisation does not count.
-    """
-    # The peer's memory is n x K: it gets this share of the poses, and its time is divided by it.
-    few = int(0.1 * n)
-    turns = Rotation.from_quat(quaternions[:few], scalar_first=True).as_rotvec()
-    X = np.hstack([turns, positions[:few]])
-
-    def fit(iterations: int) -> float:
-        mixture = import_module("sklearn.mixture").GaussianMixture(
-            COMPONENTS,
-            max_iter=iterations,
-            tol=0.0,
-            init_params="random_from_data",
-            random_state=seed,
-        )
-        begin = time.process_time()
-        mixture.fit(X)
-        return time.process_time() - begin
-
-    fit(1)  # loads what it needs
-    with threadpool_limits(1):
-        return (fit(3) - fit(1)) / 2.0 * n / few
-
-
-def _fit_row(args: argparse.Namespace) -> Row:
-    """Runs the whole fit, as its own command, in an empty folder."""
-    folder = args.out / "fit"
-    shutil.rmtree(folder, ignore_errors=True)
-    command = [sys.executable, "-m", "feasigrasp.cli", "fit", "reachability"]
-    command += ["--out", str(folder), "--seed", str(args.seed), "--jobs", str(args.jobs)]
-    command += ["--components", str(COMPONENTS), *(["--samples", "300000"] if args.quick else [])]
-    begin = time.perf_counter()
-    done = subprocess.run(command, check=False)
-    seconds = time.perf_counter() - begin
-    if done.returncode != 0:
-        raise ReachabilityError(f"'{' '.join(command[2:])}' ended with status {done.returncode}")
-    preset = "300,000 samples" if args.quick else "default"
-    return Row.plain("bench.reachability_fit_s", preset, seconds, "s", 1)

@@ -11,7 +11,7 @@ from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.results.statistics import mean_of_objects
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.protocols.changes import Change, unchanged
+from feasigrasp_lab.protocols.degradations import Change, unchanged
 from feasigrasp_lab.results.finished import Record
 
 

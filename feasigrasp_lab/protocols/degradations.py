@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,24 @@ import numpy as np
 from feasigrasp.models.faults.images import MaskDilated, MaskEroded, MaskShifted
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.scenario.schema import Scenario, Segmentation
-from feasigrasp_lab.protocols.changes import Change, both, unchanged
+
+#: Changes a scenario, whose seed is set by then.
+Change = Callable[[Scenario], None]
+
+
+def unchanged(scenario: Scenario) -> None:
+    """Leaves a scenario as its file has it."""
+
+
+def both(first: Change, second: Change) -> Change:
+    """One change after the other."""
+
+    def change(scenario: Scenario) -> None:
+        first(scenario)
+        second(scenario)
+
+    return change
+
 
 #: Speed of the object [m/s].
 SPEED = 0.1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from feasigrasp.scenario.schema import BezierPath, MotionConfig, Scenario
-from feasigrasp_lab.protocols.changes import Change
+from feasigrasp_lab.protocols.degradations import Change
 
 #: Motions of the speed curve by the word that its rows have for them, with the object's pose given.
 MOTIONS = {"circle": "ReachCircularMocap", "line": "ReachLinearMocap", "bezier": "ReachBezierMocap"}

@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from feasigrasp_lab.protocols.ablations import ABLATIONS, NO_DENSITY
-from feasigrasp_lab.protocols.changes import Change, both, unchanged
 from feasigrasp_lab.protocols.degradations import (
     DEGRADATIONS,
     SPEED,
+    Change,
+    both,
     given_truth,
     motion_capture,
     perfect_sensors,
+    unchanged,
 )
 from feasigrasp_lab.protocols.speed import (
     AT_SPEEDS,

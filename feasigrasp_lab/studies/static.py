@@ -31,7 +31,7 @@ from feasigrasp.runs.results.statistics import grouped, mean_of_objects
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.measures.grasps import GRASPABLE, is_graspable
 from feasigrasp_lab.paper.judge import JudgeMethod
-from feasigrasp_lab.protocols.changes import Change, both
+from feasigrasp_lab.protocols.degradations import Change, both
 from feasigrasp_lab.protocols.tuned import rows_apart
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.results.workers import add_worker_arguments

@@ -18,7 +18,6 @@ def test_about_half_of_the_grasps_can_be_reached():
 def test_rows_of_a_small_run(tmp_path, monkeypatch):
     monkeypatch.setattr(bench_reachability, "POSES", 200_000)
     monkeypatch.setattr(bench_reachability, "COMPONENTS", 4)
-    monkeypatch.setattr(bench_reachability, "installed", lambda *_: False)
     parser = argparse.ArgumentParser()
     bench_reachability.add_arguments(parser)
     args = parser.parse_args(["--quick", "--out", str(tmp_path), "--seed", "3"])
