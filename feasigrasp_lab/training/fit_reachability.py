@@ -15,7 +15,6 @@ from feasigrasp.errors import ReachabilityError
 from feasigrasp.inputs import read_json
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.mixture import bic
-from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.runs.results.arguments import add_run_arguments, command_line, positive
 from feasigrasp.runs.results.provenance import git_revision
 from feasigrasp.runs.results.rows import Row, write_csv, write_json, write_summary
@@ -24,7 +23,6 @@ from feasigrasp_lab.paper.reachable_space import ReachableSpace
 from feasigrasp_lab.training.reachability.fit_mixture import LargeFit, fit_large_mixture
 from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp_lab.training.reachability.reachable_poses import (
-    FLOOR,
     IiwaArm,
     ReachedPoses,
     draw_all,
@@ -34,7 +32,7 @@ from feasigrasp_lab.training.reachability.reachable_poses import (
 
 SWEEP = (8, 16, 32, 64, 96, 128)
 #: Arguments that decide the samples and the fits, beside the arm.
-_DECISIVE = ("samples", "fit_poses", "seed", "weighting", "tool", "floor")
+_DECISIVE = ("samples", "fit_poses", "seed", "weighting")
 
 
 class Weighting(StrEnum):
@@ -69,28 +67,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="Weights of the poses. 'uniform': those of uniform configurations, as in the paper; "
         "'manipulability': fewer poses close to singularities, which classifies better.",
     )
-    parser.add_argument(
-        "--tool",
-        default="flange",
-        help="Frame to fit: 'flange', 'gripper' (its grasp frame), or x,y,z[,roll,pitch,yaw] in "
-        "the flange frame, in metres and degrees.",
-    )
-    parser.add_argument(
-        "--floor", type=float, default=FLOOR, help="Lowest z of that frame, in metres."
-    )
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     start = time.perf_counter()
     arm = IiwaArm()
-    components, X_FT = parse_components(args.components), parse_tool(args.tool)
+    components = parse_components(args.components)
     thin = manipulability_reference(arm) if args.weighting == Weighting.MANIPULABILITY else None
     settings = _settings(args)
     fresh = not (args.out / "settings.json").is_file()
     _keep_folder(args.out, settings)
-    options = {"X_FT": X_FT, "floor": args.floor, "thin": thin}
-    reached = draw_all(arm, args.samples, args.seed, args.out / "samples", args.jobs, **options)
+    reached = draw_all(arm, args.samples, args.seed, args.out / "samples", args.jobs, thin=thin)
     counts = {name: getattr(reached, name) for name in ReachedPoses._fields[2:]}
     counts["reached"] = len(reached.positions)
     print(", ".join(f"{value} {name}" for name, value in counts.items()))
@@ -102,7 +90,6 @@ def main(args: argparse.Namespace) -> int:
         "command": command,
         "git": git,
         "frame": "flange",
-        "X_FT": X_FT.tolist(),
         "counts": {**counts, "fitted": poses.n, "held_out": len(held_out)},
     }
     fits = []
@@ -147,30 +134,6 @@ def parse_components(text: str) -> tuple[int, ...]:
     return numbers
 
 
-def parse_tool(text: str) -> np.ndarray:
-    """Reads ``--tool``: the fitted frame in the flange frame, shape (4, 4) [m].
-
-    Raises:
-        ReachabilityError: It is neither a known name nor three or six numbers.
-    """
-    if text == "flange":
-        return np.eye(4)
-    if text == "gripper":
-        return ParallelGripper().X_FG.copy()
-    try:
-        numbers = [float(word) for word in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (3, 6) or not np.isfinite(numbers).all():
-        raise ReachabilityError(
-            f"--tool {text}: give flange, gripper, or x,y,z[,roll,pitch,yaw] in metres and degrees"
-        )
-    roll, pitch, yaw = np.deg2rad(numbers[3:] or [0.0, 0.0, 0.0])
-    turns = [[0, 0, yaw], [0, pitch, 0], [roll, 0, 0]]
-    z, y, x = (se3.so3_exp(np.array(turn, dtype=float)) for turn in turns)
-    return se3.make_pose(z @ y @ x, numbers[:3])
-
-
 def split(reached: ReachedPoses, fit_poses: int, seed: int) -> tuple[PoseBlocks, np.ndarray]:
     """Puts aside 2 % of the poses, at most 200 000, and sorts at most ``fit_poses`` of the rest.
 
@@ -182,7 +145,7 @@ def split(reached: ReachedPoses, fit_poses: int, seed: int) -> tuple[PoseBlocks,
     """
     n = len(reached.positions)
     if n < 1000:
-        raise ReachabilityError(f"only {n} poses were reached; raise --samples, or lower --floor.")
+        raise ReachabilityError(f"only {n} poses were reached; raise --samples.")
     held_out = np.random.default_rng([seed, n]).choice(n, min(n // 50, 200_000), replace=False)
     rest = np.ones(n, dtype=bool)
     rest[held_out] = False
@@ -240,6 +203,6 @@ def _keep_folder(out: Path, settings: dict[str, Any]) -> None:
 
 
 def _command(args: argparse.Namespace) -> str:
-    names = ["samples", "fit_poses", "components", "weighting", "tool", "floor", "seed"]
+    names = ["samples", "fit_poses", "components", "weighting", "seed"]
     given = argparse.Namespace(**{name: getattr(args, name) for name in names})
     return command_line(given, "fit reachability")

@@ -138,7 +138,7 @@ def _truth(family: str, seed: int) -> TrueGrasps:
     except MeshError as error:
         raise MeshError(
             f"{error}: grasp diffusion learns on our own shapes; make them with `feasigrasp train "
-            "sampler-data` without --meshes"
+            "sampler-data`"
         ) from error
 
 

@@ -37,8 +37,7 @@ from feasigrasp.models.shape.hidden_side import (
 from feasigrasp.runs.results.arguments import add_run_arguments, positive
 from feasigrasp_lab.networks.contact_network import network_arrays
 from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
-from feasigrasp_lab.training.data.household_shapes import HELD_OUT
-from feasigrasp_lab.training.data.object_streams import ObjectStream
+from feasigrasp_lab.training.data.household_shapes import HELD_OUT, make_shape, shape_of
 from feasigrasp_lab.training.data.views import ViewedObject, fused, turning_views
 from feasigrasp_lab.training.loop import (
     TrainingRun,
@@ -144,16 +143,16 @@ def true_thickness(viewed: ViewedObject, image: ViewImage) -> Array:
 
 
 def object_pictures(
-    stream: ObjectStream, index: int, views: int
+    index: int, views: int, seed: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """So many pictures of one object of a stream, fewer if it can hardly be seen.
+    """So many pictures of one object of the stream, fewer if it can hardly be seen.
 
     Returns:
         `features` of them, shape (n, FEATURES, SIDE, SIDE), and the true thickness in units of
         `picture_scale`, shape (n, SIDE, SIDE), NaN where there is none.
     """
-    rng = np.random.default_rng([stream.seed, index, 40])
-    viewed = ViewedObject(stream[index].obj)
+    rng = np.random.default_rng([seed, index, 40])
+    viewed = ViewedObject(make_shape(*shape_of(index, seed)))
     seen, truth = [], []
     for _ in range(views):
         # From how many directions an object is looked at; one of these at random.
@@ -182,13 +181,12 @@ def make_pictures(folder: Path, objects: int, views: int, seed: int, jobs: int) 
 
 
 def _write_shard(filename: Path, number: int, *, views: int, seed: int) -> bool:
-    stream = ObjectStream("shape", None, seed)
     seen, truth, held = [], [], []
     for index in range(number * SHARD, (number + 1) * SHARD):
-        pictures, thickness = object_pictures(stream, index, views)
+        pictures, thickness = object_pictures(index, views, seed)
         seen.append(pictures.astype(np.float16))
         truth.append(thickness.astype(np.float16))
-        held.append(np.full(len(pictures), stream[index].family in HELD_OUT))
+        held.append(np.full(len(pictures), shape_of(index, seed)[0] in HELD_OUT))
     arrays = {"pictures": seen, "thickness": truth, "held_out": held}
     write_arrays(filename, {name: np.concatenate(parts) for name, parts in arrays.items()})
     return True

@@ -26,6 +26,8 @@ TRAINED = (
 )
 #: Families that are never trained on.
 HELD_OUT = ("superquadric", "mug", "tool")
+#: One shape of the stream in so many is of such a family.
+HELD_OUT_EVERY = 8
 FAMILIES: dict[str, Maker] = {name: getattr(families, name) for name in (*TRAINED, *HELD_OUT)}
 
 #: Densities of solids and lightly filled things [kg/m^3], and masses that a hand can hold [kg].
@@ -60,9 +62,15 @@ def make_shape(family: str, seed: int) -> RigidObject:
     return RigidObject.of_mesh(f"{family}_{seed}", mesh, mass, color=color)
 
 
-def shape_of(index: int, seed: int = 0, among: tuple[str, ...] = TRAINED) -> tuple[str, int]:
-    """Family and seed of the ``index``-th shape of an endless stream that visits them in turn."""
-    return among[index % len(among)], 1_000_003 * seed + index // len(among)
+def shape_of(index: int, seed: int = 0) -> tuple[str, int]:
+    """Family and seed of the ``index``-th shape of an endless stream for training.
+
+    The families come in turn; one shape in `HELD_OUT_EVERY` is of a family that is held out.
+    """
+    held, place = divmod(index, HELD_OUT_EVERY)
+    of_held = place == HELD_OUT_EVERY - 1
+    among, number = (HELD_OUT, held) if of_held else (TRAINED, index - held)
+    return among[number % len(among)], 1_000_003 * seed + number // len(among)
 
 
 def _mesh(body: Manifold) -> trimesh.Trimesh:

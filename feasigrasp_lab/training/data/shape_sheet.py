@@ -1,16 +1,11 @@
-"""Contact sheet of household shapes, by a software renderer."""
+"""Picture of an object, by a software renderer."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
-from matplotlib.figure import Figure
 
 from feasigrasp.models.objects.rigid_object import RigidObject
-from feasigrasp.outputs import save_figure
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
-from feasigrasp_lab.training.data.household_shapes import FAMILIES, HELD_OUT, make_shape
 from feasigrasp_lab.training.data.views import ViewedObject, look_at
 
 #: Where shapes are looked at from, and where the light comes from.
@@ -37,17 +32,3 @@ def shape_picture(obj: RigidObject) -> np.ndarray:
     light = 0.35 + 0.65 * np.clip(normals @ _LIGHT, 0.0, 1.0)
     picture = np.where(np.isfinite(length)[:, None], light[:, None] * np.array(obj.color[:3]), 1.0)
     return picture.reshape(pixels, pixels, 3)
-
-
-def draw_sheet(filename: Path, seed: int = 0, columns: int = 9) -> None:
-    """Writes a picture with ``columns`` shapes of every family, all to one scale."""
-    figure = Figure(figsize=(1.05 * columns + 1.1, 1.05 * len(FAMILIES)))
-    axes = figure.subplots(len(FAMILIES), columns)
-    for row, family in zip(axes, FAMILIES, strict=True):
-        for column, axis in enumerate(row):
-            axis.imshow(shape_picture(make_shape(family, 1000 * seed + column)))
-            axis.axis("off")
-        label = f"{family}\n(held out)" if family in HELD_OUT else family
-        row[0].text(-0.08, 0.5, label, transform=row[0].transAxes, ha="right", va="center")
-    figure.subplots_adjust(0.11, 0.0, 1.0, 1.0, wspace=0.0, hspace=0.0)
-    save_figure(figure, filename, dpi=110)

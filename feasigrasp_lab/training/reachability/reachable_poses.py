@@ -87,8 +87,6 @@ def sample_reachable_poses(
     n: int,
     rng: np.random.Generator,
     *,
-    X_FT: ArrayLike | None = None,
-    floor: float = FLOOR,
     thin: float | None = None,
 ) -> ReachedPoses:
     """Draws configurations and keeps the poses of those that are admissible.
@@ -97,17 +95,13 @@ def sample_reachable_poses(
         arm: The arm.
         n: Number of configurations to draw; a few hundred thousand at a time.
         rng: Source of randomness.
-        X_FT: The frame to fit in the end frame of the arm; the end frame itself by default.
-        floor: Poses with a lower z in the base frame are dropped [m].
         thin: Keep a draw of manipulability m with probability m / thin, see
             `manipulability_reference`; keep all by default.
     """
     q = rng.uniform(arm.lower, arm.upper, (n, len(arm.lower)))
     q = q[~arm.in_collision(q)]
     X_WT = arm.forward_kinematics(q)
-    if X_FT is not None:
-        X_WT = X_WT @ np.asarray(X_FT, dtype=float)
-    high = X_WT[:, 2, 3] >= floor
+    high = X_WT[:, 2, 3] >= FLOOR
     n_free, n_high = len(q), int(high.sum())
     if thin is not None:
         high[high] = rng.random(n_high) * thin < arm.manipulability(q[high])

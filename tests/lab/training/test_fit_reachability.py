@@ -10,11 +10,10 @@ import pytest
 from feasigrasp import cli
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.runs.results.statistics import area_under_curve, roc_curve
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
 from feasigrasp_lab.studies import reachability
-from feasigrasp_lab.training.fit_reachability import parse_components, parse_tool
+from feasigrasp_lab.training.fit_reachability import parse_components
 
 FIT = ["fit", "reachability", "--samples", "30000", "--jobs", "1"]
 
@@ -129,7 +128,6 @@ def test_evaluation_reports_every_judge_and_goes_on(fitted, tmp_path, capsys, mo
     ("arguments", "message"),
     [
         (["--components", "8,none"], "--components 8,none"),
-        (["--tool", "0.1,0.2"], "--tool 0.1,0.2"),
         (["--samples", "100"], "raise --samples"),
     ],
 )
@@ -138,12 +136,7 @@ def test_bad_arguments_are_named(arguments, message, tmp_path, capsys):
     assert message in capsys.readouterr().err
 
 
-def test_tools():
-    np.testing.assert_array_equal(parse_tool("flange"), np.eye(4))
-    np.testing.assert_array_equal(parse_tool("gripper"), ParallelGripper().X_FG)
-    X = parse_tool("0,0,0.1,0,0,90")
-    np.testing.assert_allclose(X[:3, 0], [0, 1, 0], atol=1e-15)
-    np.testing.assert_allclose(X[:3, 3], [0, 0, 0.1])
+def test_numbers_of_components():
     assert parse_components("8,16") == (8, 16)
     with pytest.raises(ReachabilityError):
         parse_components("0")

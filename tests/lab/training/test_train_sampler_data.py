@@ -15,8 +15,13 @@ from feasigrasp_lab.training.data.grasp_examples import (
 )
 from feasigrasp_lab.training.data.grasp_labels import N_APPROACHES, N_TURNS
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
-from feasigrasp_lab.training.data.household_shapes import HELD_OUT, TRAINED, make_shape
-from feasigrasp_lab.training.data.object_streams import HELD_OUT_EVERY, ObjectStream
+from feasigrasp_lab.training.data.household_shapes import (
+    HELD_OUT,
+    HELD_OUT_EVERY,
+    TRAINED,
+    make_shape,
+    shape_of,
+)
 from feasigrasp_lab.training.data.views import ViewedObject
 
 SHAPES = {
@@ -76,8 +81,7 @@ def test_finished_shards_are_left_alone(shard):
 
 
 def test_one_object_in_eight_is_held_out():
-    stream = ObjectStream()
-    families = [stream[i].family for i in range(3 * HELD_OUT_EVERY)]
+    families = [shape_of(i)[0] for i in range(3 * HELD_OUT_EVERY)]
     held = [i for i, family in enumerate(families) if family in HELD_OUT]
     assert held == [HELD_OUT_EVERY * k - 1 for k in (1, 2, 3)]
     assert {families[i] for i in held} == set(HELD_OUT)
@@ -114,19 +118,3 @@ def test_views_make_an_input_near_the_surface():
     made = completed_input(viewed, 3, np.random.default_rng(2))
     assert made is not None and len(made) == POINTS
     assert np.median(viewed.surface.distance(made.points.astype(float))) < 0.002
-
-
-def test_meshes_of_others(tmp_path):
-    parts = [make_shape("box", 1), make_shape("capsule", 2)]
-    np.savez(
-        tmp_path / "meshes.npz",
-        vertices=np.concatenate([p.vertices for p in parts]).astype(np.float32),
-        faces=np.concatenate([p.faces for p in parts]).astype(np.uint16),
-        vertex_offsets=np.cumsum([0] + [len(p.vertices) for p in parts]),
-        face_offsets=np.cumsum([0] + [len(p.faces) for p in parts]),
-    )
-    stream = ObjectStream("mesh", tmp_path / "meshes.npz")
-    assert len(stream) == 2
-    assert stream[1].obj.mesh.volume == pytest.approx(parts[1].mesh.volume, rel=1e-4)
-    with pytest.raises(IndexError):
-        stream[2]

@@ -5,9 +5,10 @@ import numpy as np
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.kernels import REACHABLE, WRIST
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp_lab.training.reachability import reachable_poses
 from feasigrasp_lab.training.reachability.reachable_poses import (
+    FLOOR,
     IiwaArm,
     join,
     manipulability_reference,
@@ -34,25 +35,20 @@ def test_every_pose_is_reached_by_exact_inverse_kinematics():
 
 
 def test_counts_add_up_and_the_floor_holds():
-    reached = sample(5000, floor=0.4, thin=0.1)
+    reached = sample(5000, thin=0.1)
     assert reached.drawn == 5000
     assert len(reached.positions) == 5000 - reached.colliding - reached.low - reached.thinned
     assert min(reached.colliding, reached.low, reached.thinned) > 0
-    assert reached.positions[:, 2].min() >= 0.4
+    assert reached.positions[:, 2].min() >= FLOOR > 0.0
 
 
-def test_a_tool_is_a_right_multiplication():
-    X_FT = ParallelGripper().X_FG
-    flange, tool = sample(500, floor=-9.0), sample(500, floor=-9.0, X_FT=X_FT)
-    np.testing.assert_allclose(poses(flange) @ X_FT, poses(tool), atol=1e-6)
-
-
-def test_thinning_keeps_in_proportion_to_manipulability():
+def test_thinning_keeps_in_proportion_to_manipulability(monkeypatch):
     arm, reference = IiwaArm(), 0.1
     rng = np.random.default_rng(1)
     q = IIWA_7.random_positions(rng, 40_000)
     expected = np.minimum(arm.manipulability(q) / reference, 1.0).mean()
-    thinned = sample(40_000, thin=reference, floor=-9.0)
+    monkeypatch.setattr(reachable_poses, "FLOOR", -9.0)
+    thinned = sample(40_000, thin=reference)
     kept = len(thinned.positions) / (len(thinned.positions) + thinned.thinned)
     np.testing.assert_allclose(kept, expected, atol=0.01)
 
