@@ -7,25 +7,18 @@ reason why it cannot be one, is in this file.
 from __future__ import annotations
 
 import sys
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
 from manifold3d import Error, Manifold, Mesh64
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from feasigrasp.errors import MeshError, needed_by
 from feasigrasp.models.arrays import Array, Indices
-from feasigrasp.models.objects.bodies import (
-    clean,
-    drop_satellites,
-    orient,
-    part,
-    shell_of_faces,
-    signed_volume,
-    unite,
-)
 from feasigrasp.models.objects.mesh_cache import LARGE
 from feasigrasp.outputs import write_text
 
@@ -38,6 +31,12 @@ _MANY_FACES = 200_000
 #: Tolerance that manifold3d is given, as a share of the one that is kept: what several collapses in
 #: a row move adds up, to 0.73 times the tolerance on the built-in objects with this share.
 _OF_TOLERANCE = 0.5
+#: Bodies with less than this share of the largest one's volume are crumbs of a scan; a shell of
+#: which more than this share is in another body is inside it.
+_CRUMB, _INSIDE = 0.01, 0.999
+#: Of a mesh in more sheets than these no wall is looked for: it is torn.
+_MOST_SHEETS = 10
+_UNITED, _TURNED = "united bodies that touch or overlap", "normals turned outward"
 #: Edges sharper than this stay sharp in the shading [rad].
 _CREASE = np.radians(40.0)
 
@@ -64,20 +63,15 @@ def read_solid(path: Path, scale: float = 1.0) -> tuple[trimesh.Trimesh, tuple[s
     if not (np.isfinite(scale) and scale > 0):
         raise MeshError(f"{path}: scale={scale}; give a positive number such as 0.001 for mm.")
     large = path.is_file() and path.stat().st_size >= LARGE
-    with tqdm(total=4, desc=f"reading {path.name}", unit="step", disable=not large) as bar:
+    with tqdm(total=3, desc=f"reading {path.name}", unit="step", disable=not large) as bar:
         mesh = _read(path)
         bar.update()
         mesh.apply_scale(scale)
         _check_extent(mesh, path, scale)
-        mesh, united = unite(mesh)
-        _check_closed(mesh, path)
         bar.update()
-        turned = orient(mesh)
+        mesh, notes = _one_solid(mesh, path)
         bar.update()
-        mesh, dropped = drop_satellites(mesh)
-        _check_one_body(mesh, path)
-        bar.update()
-    return mesh, united + turned + dropped
+    return mesh, notes
 
 
 def read_surface(path: Path, scale: float = 1.0) -> trimesh.Trimesh:
@@ -115,7 +109,7 @@ def decimate(mesh: trimesh.Trimesh, max_faces: int) -> tuple[trimesh.Trimesh, tu
         o3d.utility.Vector3iVector(np.array(mesh.faces)),
     )
     coarse = fine.simplify_quadric_decimation(max_faces)
-    result = clean(np.asarray(coarse.vertices), np.asarray(coarse.triangles))
+    result = _clean(np.asarray(coarse.vertices), np.asarray(coarse.triangles))
     was = f"{len(mesh.faces)} faces"
     if not result.is_watertight or not result.is_winding_consistent:
         return mesh, (f"kept all {was}: decimation to {max_faces} tears the surface",)
@@ -134,13 +128,10 @@ def decimate_within(mesh: trimesh.Trimesh, tolerance: float) -> trimesh.Trimesh:
     Returns:
         A closed mesh; the given one if it is none that manifold3d takes for the surface of a solid.
     """
-    fine = Manifold(Mesh64(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.uint64)))
+    fine = _manifold(mesh)
     if fine.status() != Error.NoError:
         return mesh
-    coarse = fine.simplify(_OF_TOLERANCE * tolerance).to_mesh64()
-    # Copies: views of its arrays would keep the mesh of manifold3d alive.
-    vertices, faces = coarse.vert_properties[:, :3].copy(), coarse.tri_verts.astype(np.int64)
-    return trimesh.Trimesh(vertices, faces, process=False)
+    return _trimesh(fine.simplify(_OF_TOLERANCE * tolerance))
 
 
 def write_obj(path: Path, vertices: Array, faces: Indices) -> None:
@@ -164,6 +155,17 @@ def obj_text(vertices: Array, faces: Indices) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _clean(vertices: Array, faces: NDArray[Any]) -> trimesh.Trimesh:
+    """Merges vertices by position and drops faces that collapse to an edge by that."""
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    mesh.merge_vertices()
+    f = mesh.faces
+    mesh.update_faces((f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0]))
+    mesh.update_faces(mesh.unique_faces())
+    mesh.remove_unreferenced_vertices()
+    return mesh
+
+
 def _read(path: Path) -> trimesh.Trimesh:
     if not path.is_file():
         raise MeshError(f"{path}: no such file; give the path of a mesh (obj, ply, stl, off, glb).")
@@ -180,7 +182,7 @@ def _read(path: Path) -> trimesh.Trimesh:
     if not np.isfinite(vertices).all():
         bad = int((~np.isfinite(vertices)).any(axis=1).sum())
         raise MeshError(f"{path}: {bad} vertices are NaN or infinite; export the mesh again.")
-    mesh = clean(vertices, faces)
+    mesh = _clean(vertices, faces)
     if not len(mesh.faces):
         raise MeshError(f"{path}: all {len(faces)} faces have no area; give a solid in its units.")
     return mesh
@@ -217,18 +219,107 @@ def _check_closed(mesh: trimesh.Trimesh, path: Path) -> None:
     )
 
 
-def _check_one_body(mesh: trimesh.Trimesh, path: Path) -> None:
-    label = shell_of_faces(mesh)
-    volumes = [signed_volume(part(mesh, label == i)) for i in range(label.max() + 1)]
-    bodies = sorted((v for v in volumes if v > 0), reverse=True)
-    if len(bodies) > 1:
-        listed = ", ".join(f"{v * 1e6:.3g}" for v in bodies[:5])
+def _one_solid(mesh: trimesh.Trimesh, path: Path) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+    """The solid that closed shells enclose, and what had to be repaired.
+
+    A shell is a connected surface. By volume, largest first, a shell inside the others is the wall
+    of a cavity, one that meets them is united with them, and a crumb apart is dropped.
+
+    Raises:
+        MeshError: A shell is open, there are several bodies apart, or there is no volume.
+    """
+    shells = list(mesh.split(only_watertight=False))
+    notes: list[str] = []
+    if len(shells) > 1 and not all(shell.is_watertight for shell in shells):
+        mesh, notes = _without_wall(mesh)
+        shells = [mesh]
+    _check_closed(mesh, path)
+    if not mesh.is_winding_consistent:
+        notes.append("winding made consistent")
+        for shell in (mesh, *shells):
+            trimesh.repair.fix_winding(shell)
+    if len(shells) == 1:  # vertices and faces stay in the order of the file
+        volumes = [abs(_volume(mesh))]
+        if _volume(mesh) < 0:
+            mesh.invert()
+            notes.append(_TURNED)
+    else:
+        mesh, volumes = _joined(shells, notes)
+    if len(volumes) > 1:
+        listed = ", ".join(f"{v * 1e6:.3g}" for v in sorted(volumes, reverse=True)[:5])
         raise MeshError(
-            f"{path}: {len(bodies)} separate bodies ({listed} cm^3) that do not touch; a rigid "
+            f"{path}: {len(volumes)} separate bodies ({listed} cm^3) that do not touch; a rigid "
             "object is one closed surface. Export one body per file, or join them."
         )
     if sum(volumes) < 1e-7 * float(mesh.extents.max()) ** 3:
         raise MeshError(f"{path}: encloses no volume; give a solid, not a sheet folded on itself.")
+    return mesh, tuple(notes)
+
+
+def _joined(shells: list[trimesh.Trimesh], notes: list[str]) -> tuple[trimesh.Trimesh, list[float]]:
+    """What closed shells enclose, and the volumes of its bodies [m^3]; adds to the notes."""
+    whole, crumbs, lost, turned = Manifold(), Manifold(), [], False
+    bodies: list[float] = []
+    shells = sorted(shells, key=lambda shell: -abs(_volume(shell)))
+    for shell in shells:
+        inward, volume = _volume(shell) < 0, abs(_volume(shell))
+        if inward:
+            shell.invert()
+        solid = _manifold(shell)
+        hollow, in_crumb = (
+            (other ^ solid).volume() > _INSIDE * volume for other in (whole, crumbs)
+        )
+        turned |= inward != (hollow or in_crumb)
+        joined = whole - solid if hollow else whole + solid
+        found = [part.volume() for part in joined.decompose() if part.volume() > 0.0]
+        apart = len(found) > len(bodies)
+        if in_crumb or (apart and bodies and volume < _CRUMB * abs(_volume(shells[0]))):
+            crumbs += solid
+            lost += [] if in_crumb else [volume]
+            continue
+        if not (apart or hollow or _UNITED in notes):
+            notes.append(_UNITED)
+        whole, bodies = joined, found
+    if turned:
+        notes.append(_TURNED)
+    if lost:
+        many = "a crumb" if len(lost) == 1 else f"{len(lost)} crumbs"
+        notes.append(f"dropped {many} beside the object, {1e6 * sum(lost):.2g} cm^3")
+    return _trimesh(whole), bodies
+
+
+def _without_wall(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
+    """Drops the wall between two bodies that share a face, whose rims have been merged by then.
+
+    It is one sheet, or one of either body; of what is closed without them, the wall is that whose
+    loss leaves the most volume.
+    """
+    label = trimesh.graph.connected_component_labels(mesh.face_adjacency, len(mesh.faces))
+    sheets, closed = range(min(label.max() + 1, _MOST_SHEETS)), []
+    for wall in (*combinations(sheets, 1), *combinations(sheets, 2)):
+        rest = trimesh.Trimesh(mesh.vertices, mesh.faces[~np.isin(label, wall)], process=False)
+        rest.remove_unreferenced_vertices()
+        if len(rest.faces) and rest.is_watertight:
+            trimesh.repair.fix_winding(rest)
+            closed.append((abs(_volume(rest)), wall, rest))
+    return (max(closed)[2], [_UNITED]) if closed else (mesh, [])
+
+
+def _volume(mesh: trimesh.Trimesh) -> float:
+    """Volume that a closed surface encloses [m^3]; negative if its normals point inward."""
+    a, b, c = (mesh.triangles[:, i] - mesh.bounds[0] for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+
+
+def _manifold(mesh: trimesh.Trimesh) -> Manifold:
+    return Manifold(Mesh64(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.uint64)))
+
+
+def _trimesh(solid: Manifold) -> trimesh.Trimesh:
+    """The mesh of a solid; copies, since views of its arrays would keep manifold3d's mesh alive."""
+    mesh = solid.to_mesh64()
+    vertices, faces = mesh.vert_properties[:, :3].copy(), mesh.tri_verts.astype(np.int64)
+    return trimesh.Trimesh(vertices, faces, process=False)
 
 
 def _crease_normals(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
