@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from xml.etree import ElementTree as ET
 
 import numpy as np
 import trimesh
@@ -11,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.robot import urdf as xml
 from feasigrasp.models.robot.gripper import ParallelGripper
 
 #: Static and dynamic friction of pads, fingers and palm.
@@ -33,7 +31,7 @@ Mesh = Callable[[str], str]
 
 
 def _packaged(name: str) -> str:
-    return xml.packaged_mesh(f"{name}{'.vtk' if name == 'pad' else '.gltf'}")
+    return f"package://feasigrasp/iiwa/meshes/{name}{'.vtk' if name == 'pad' else '.gltf'}"
 
 
 def pad_size(gripper: ParallelGripper) -> Array:
@@ -54,49 +52,116 @@ def pad_vtk(gripper: ParallelGripper) -> str:
     cells = [(8, a, b, c) for q in sides for a, b, c in (q[:3], (q[0], *q[2:]))]
     lines = ["# vtk DataFile Version 3.0", "Pad, written by models/iiwa/make_models.py", "ASCII"]
     lines += ["DATASET UNSTRUCTURED_GRID", f"POINTS {len(points)} double"]
-    lines += [xml.numbers(point) for point in points]
+    lines += [_numbers(point) for point in points]
     lines += [f"CELLS {len(cells)} {5 * len(cells)}"]
     lines += ["4 " + " ".join(map(str, cell)) for cell in cells]
     lines += [f"CELL_TYPES {len(cells)}", *["10"] * len(cells)]
     return "\n".join(lines) + "\n"
 
 
-def _finger(
-    robot: ET.Element, side: str, sign: float, gripper: ParallelGripper, mesh: Mesh
-) -> None:
-    """Adds a finger; its frame has the axes of G and its origin on the face of the pad."""
-    link = ET.SubElement(robot, "link", name=f"{side}_finger")
+# Every shape is compliant hydroelastic: it makes contact patches, not points, so a held object
+# does not creep; one that is not would touch the convex hull of a rigid object, not its surface.
+_LINK = """  <link name="{name}">
+    <inertial>
+      <origin xyz="{center}" rpy="0 0 0" />
+      <mass value="{mass}" />
+      <inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0" />
+    </inertial>
+    <visual name="mesh">
+      <origin xyz="0 0 0" rpy="0 0 0" />
+      <geometry>
+        <mesh filename="{mesh}" />
+      </geometry>
+    </visual>
+{collisions}  </link>
+"""
+_COLLISION = """    <collision name="{name}">
+      <origin xyz="{center}" rpy="0 0 0" />
+      <geometry>
+        <{geometry} />
+      </geometry>
+      <drake:proximity_properties>
+        <drake:compliant_hydroelastic />
+        <drake:hydroelastic_modulus value="10000000" />
+        <drake:hunt_crossley_dissipation value="20" />
+        <drake:mu_static value="{friction}" />
+        <drake:mu_dynamic value="{friction}" />
+      </drake:proximity_properties>
+    </collision>
+"""
+# A prismatic joint whose position is half the gap; the right finger mimics the left, which alone
+# has an actuator.
+_JOINT = """  <joint name="{side}_finger_joint" type="prismatic">
+    <parent link="gripper_body" />
+    <child link="{side}_finger" />
+    <origin xyz="{grasp}" rpy="0 0 1.570796327" />
+    <axis xyz="{sign} 0 0" />
+    <limit lower="0" upper="{upper}" velocity="{velocity}" effort="{effort}" />
+{mimic}  </joint>
+"""
+_MIMIC = """    <mimic joint="left_finger_joint" multiplier="1" offset="0" />
+"""
+_ROBOT = """<?xml version="1.0"?>
+<!-- Written by models/iiwa/make_models.py. -->
+<robot xmlns:drake="http://drake.mit.edu" name="gripper">
+{links}{joints}  <transmission name="left_finger_joint_transmission">
+    <type>SimpleTransmission</type>
+    <joint name="left_finger_joint" />
+    <actuator name="left_finger_joint">
+      <drake:rotor_inertia value="0" />
+      <drake:gear_ratio value="1" />
+    </actuator>
+  </transmission>
+  <frame name="grasp_frame" link="gripper_body" xyz="{grasp}" rpy="0 0 1.570796327" />
+  <drake:collision_filter_group name="group_gripper">
+    <drake:member link="gripper_body" />
+    <drake:member link="left_finger" />
+    <drake:member link="right_finger" />
+    <drake:ignored_collision_filter_group name="group_gripper" />
+  </drake:collision_filter_group>
+</robot>
+"""
+
+
+def _number(value: float) -> str:
+    """Ten significant digits, without a negative zero."""
+    return f"{float(value) + 0.0:.10g}"
+
+
+def _numbers(values: ArrayLike) -> str:
+    """Numbers joined by spaces."""
+    return " ".join(map(_number, np.round(np.asarray(values, dtype=float), 12)))
+
+
+def _collision(name: str, center: ArrayLike, geometry: str) -> str:
+    values = {"center": _numbers(center), "friction": FRICTION}
+    return _COLLISION.format(name=name, geometry=geometry, **values)
+
+
+def _box_size(size: ArrayLike) -> str:
+    return f'box size="{_numbers(size)}"'
+
+
+def _link(name: str, mass: float, center: Array, size: Array, mesh: str, collisions: str) -> str:
+    """A solid box for its inertia."""
+    x, y, z = np.square(size) * mass / 12
+    inertia = {"ixx": _number(y + z), "iyy": _number(z + x), "izz": _number(x + y)}
+    text = {"name": name, "mesh": mesh, "collisions": collisions}
+    return _LINK.format(mass=_number(mass), center=_numbers(center), **inertia, **text)
+
+
+def _finger(side: str, sign: float, gripper: ParallelGripper, mesh: Mesh) -> str:
+    """A finger; its frame has the axes of G and its origin on the face of the pad."""
     length = gripper.tip - gripper.heel
     size = np.array([gripper.finger_thickness, gripper.finger_width, length])
     center = np.array([sign * gripper.finger_thickness / 2, 0.0, gripper.tip - length / 2])
-    xml.inertial(link, FINGER_MASS, center, xml.box_inertia(FINGER_MASS, size))
     pad_center = np.array([sign * PAD_THICKNESS / 2, 0.0, 0.0])
-    xml.visual_mesh(link, mesh(f"{side}_finger"))
-    uri = {"filename": mesh("pad")}
-    pad = xml.shape(link, "collision", uri, name="pad", tag="mesh", xyz=pad_center)
-    xml.proximity(pad, friction=FRICTION)
+    pad = _collision("pad", pad_center, f'mesh filename="{mesh("pad")}"')
     bone_size = size - (PAD_THICKNESS, 0.002, 0.0)
     bone_center = center + (sign * PAD_THICKNESS / 2, 0.0, 0.0)
-    bone = xml.shape(link, "collision", xml.box(bone_size), name="bone", xyz=bone_center)
-    xml.proximity(bone, friction=FRICTION)
-
-
-def _finger_joint(robot: ET.Element, side: str, sign: float, gripper: ParallelGripper) -> None:
-    """Adds a prismatic joint whose position is half the gap; the right finger mimics the left."""
-    joint = ET.SubElement(robot, "joint", name=f"{side}_finger_joint", type="prismatic")
-    ET.SubElement(joint, "parent", link="gripper_body")
-    ET.SubElement(joint, "child", link=f"{side}_finger")
-    xml.origin(joint, gripper.X_FG[:3, 3], (0.0, 0.0, np.pi / 2))
-    ET.SubElement(joint, "axis", xyz=xml.numbers((sign, 0.0, 0.0)))
-    limit = {
-        "lower": 0.0,
-        "upper": gripper.max_opening / 2,
-        "velocity": FINGER_VELOCITY,
-        "effort": 2.0 * gripper.grip_force if side == "left" else 0.0,  # one drives both
-    }
-    ET.SubElement(joint, "limit", {k: xml.number(v) for k, v in limit.items()})
-    if side == "right":
-        ET.SubElement(joint, "mimic", joint="left_finger_joint", multiplier="1", offset="0")
+    bone = _collision("bone", bone_center, _box_size(bone_size))
+    name = f"{side}_finger"
+    return _link(name, FINGER_MASS, center, size, mesh(name), pad + bone)
 
 
 def gripper_urdf(gripper: ParallelGripper, mesh: Mesh | None = None) -> str:
@@ -117,24 +182,25 @@ def gripper_urdf(gripper: ParallelGripper, mesh: Mesh | None = None) -> str:
             f"to be more than that of the pad on it, {PAD_THICKNESS} m"
         )
     mesh = mesh or _packaged
-    robot = ET.Element("robot", name="gripper")
-    body = ET.SubElement(robot, "link", name="gripper_body")
     palm_x, palm_y, palm_z = gripper.palm_size
     center = np.array([0.0, 0.0, gripper.tool_offset + gripper.heel - palm_z / 2])
     palm = np.array([palm_y, palm_x, palm_z])  # x_G is y_F
-    xml.inertial(body, BODY_MASS, center, xml.box_inertia(BODY_MASS, palm))
-    xml.visual_mesh(body, mesh("gripper_body"))
-    collision = xml.shape(body, "collision", xml.box(palm), name="palm", xyz=center)
-    xml.proximity(collision, friction=FRICTION)
+    collision = _collision("palm", center, _box_size(palm))
+    links = _link("gripper_body", BODY_MASS, center, palm, mesh("gripper_body"), collision)
+    links += "".join(_finger(side, sign, gripper, mesh) for side, sign in SIDES)
+    grasp, joints = _numbers(gripper.X_FG[:3, 3]), ""
     for side, sign in SIDES:
-        _finger(robot, side, sign, gripper, mesh)
-    for side, sign in SIDES:
-        _finger_joint(robot, side, sign, gripper)
-    xml.actuator(robot, "left_finger_joint")
-    xml.frame(robot, "grasp_frame", "gripper_body", gripper.X_FG[:3, 3], (0.0, 0.0, np.pi / 2))
-    members = ["gripper_body", "left_finger", "right_finger"]
-    xml.collision_filter(robot, "group_gripper", members, ["group_gripper"])
-    return xml.document(robot)
+        left = side == "left"  # one motor drives both
+        joints += _JOINT.format(
+            side=side,
+            sign=_number(sign),
+            grasp=grasp,
+            upper=_number(gripper.max_opening / 2),
+            velocity=FINGER_VELOCITY,
+            effort=_number(2.0 * gripper.grip_force if left else 0.0),
+            mimic="" if left else _MIMIC,
+        )
+    return _ROBOT.format(links=links, joints=joints, grasp=grasp)
 
 
 def camera_pose(gripper: ParallelGripper) -> Array:

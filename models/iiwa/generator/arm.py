@@ -4,9 +4,9 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from feasigrasp.models.robot import urdf as xml
 from feasigrasp.models.robot.capsules import BODY_PAIRS, arm_capsules
 from feasigrasp.models.robot.iiwa import IIWA_7
+from generator import urdf as xml
 
 # Masses and inertias: CAD values scaled to KUKA's total mass of 23.9 kg, as published in the
 # lbr_fri_ros2_stack (iiwa7_description.xacro); KUKA publishes no dynamic model. Per link: mass

@@ -4,7 +4,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from feasigrasp.models.robot import urdf as xml
+from generator import urdf as xml
 
 #: Width, height and depth of an Intel RealSense D435, along the camera's X, Y and Z [m].
 CAMERA_SIZE = np.array([0.090, 0.025, 0.025])

@@ -5,7 +5,7 @@ import numpy as np
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.hand_model import camera_pose
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.urdf import number
+from generator.urdf import number
 
 _HEADER = "# Written by models/iiwa/make_models.py.\n"
 

@@ -4,7 +4,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from feasigrasp.models.robot import urdf as xml
+from generator import urdf as xml
 from generator.housings import Parts
 from generator.palette import Material
 from generator.solids import bevelled_box, join
