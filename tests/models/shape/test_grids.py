@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.arrays import record
-from feasigrasp.models.control.safety.problem import Body, rows_kernel
+from feasigrasp.models.control.safety.problem import ArmState, Body, rows_kernel
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
@@ -102,9 +102,8 @@ def all_rows(q, grid, bound=1e6):
     options = SafetyOptions(clearance=0.0, obstacle_clearance=0.0, approach_gain=1.0)
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     link_poses_kernel(q, R, p)
-    m = rows_kernel(
-        *(R, p, -wide, wide, record(options)[0], body, grid.values, grid.frame, rows, bounds)
-    )
+    arm = ArmState(R, p, -wide, wide)
+    m = rows_kernel(arm, record(options)[0], body, grid.values, grid.frame, rows, bounds)
     return rows[:m], -bounds[:m]
 
 

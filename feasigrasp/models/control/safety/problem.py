@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.arrays import Array, Float32, Indices
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.safety.velocity_limits import bounds_kernel
 from feasigrasp.models.geometry.obstacle_grid import box_distance_kernel, grid_kernel
@@ -63,6 +63,54 @@ class Body(NamedTuple):
     guarded: Array
 
 
+class ArmState(NamedTuple):
+    """Poses of the links, and velocity bounds of the joints.
+
+    Attributes:
+        R: Rotations of the link frames, shape (8, 3, 3).
+        p: Their origins, shape (8, 3) [m].
+        lower: Lower bounds of the joint velocities, shape (7,) [rad/s].
+        upper: Upper bounds.
+    """
+
+    R: Array
+    p: Array
+    lower: Array
+    upper: Array
+
+
+class Obstacles(NamedTuple):
+    """What arm and hand keep off: a scene and a moving object, see `MovingObject`.
+
+    Attributes:
+        grid: Distances of an `ObstacleGrid` of the scene; empty without one.
+        frame: Its frame.
+        object_grid: Those of the object, in its own frame; empty without one.
+        object_frame: Its frame.
+        X_WO: Pose of the object.
+        V_WO: Its twist.
+        extra_clearance: Within this distance beyond its clearance the hand comes nearer but slowly.
+    """
+
+    grid: Float32
+    frame: Array
+    object_grid: Float32
+    object_frame: Array
+    X_WO: Array
+    V_WO: Array
+    extra_clearance: float
+
+
+class Request(NamedTuple):
+    """What is asked of the QP, see `SafetyFilter.velocity`; empty arrays for what is not given."""
+
+    q: Array
+    qd_preferred: Array
+    J: Array
+    V: Array
+    qd_last: Array
+
+
 @compiled(forceinline=True)
 def _keep(rows, bounds, m, bound, lower, upper):
     """Takes row m if some velocity between the bounds breaks it; returns how many rows there are.
@@ -81,12 +129,12 @@ def _keep(rows, bounds, m, bound, lower, upper):
 
 
 @compiled
-def rows_kernel(R, p, lower, upper, options, body, grid, frame, rows, bounds):
+def rows_kernel(arm, options, body, grid, frame, rows, bounds):
     """Writes rows (m, 7) and their lower bounds (m,); returns m.
 
-    ``R`` and ``p`` are the links' poses, ``lower`` and ``upper`` the joints' velocity bounds (7,),
-    ``options`` `SafetyOptions` as a record, ``grid`` and ``frame`` those of an `ObstacleGrid`.
+    ``options`` are `SafetyOptions` as a record, ``grid`` and ``frame`` those of an `ObstacleGrid`.
     """
+    R, p, lower, upper = arm
     link, radius, gain = body.link, body.radius, options.approach_gain
     placed = np.empty(body.ends.shape)
     for c in range(len(link)):
@@ -137,32 +185,19 @@ def rows_kernel(R, p, lower, upper, options, body, grid, frame, rows, bounds):
 
 
 @compiled
-def object_rows_kernel(
-    R,
-    p,
-    lower,
-    upper,
-    options,
-    guarded,
-    grid,
-    frame,
-    X_WO,
-    V_WO,
-    extra_clearance,
-    most,
-    rows,
-    bounds,
-):
+def object_rows_kernel(arm, options, guarded, obstacles, most, rows, bounds):
     """Writes rows (m, 7) and bounds (m,) that keep arm and hand off a moving object; returns m.
 
-    ``grid`` and ``frame`` are an `ObstacleGrid` in the object's frame; ``guarded`` holds what is
-    kept off, one line of link, x, y, z and radius each: points of the hand (radius 0), which keep a
-    small clearance, and balls that cover the arm, which keep the one to obstacles. Either may
-    approach the surface at most at gain x what is left beyond the clearance, a slow hand at a
-    larger one, relative to the surface as it moves: ``n . (v_point - v_surface)``; points of the
-    hand that are no farther off than the ``extra_clearance`` a lot slower. Of more than ``most``
-    those are kept that ask for the greatest speed away from it.
+    ``guarded`` holds what is kept off, one line of link, x, y, z and radius each: points of the
+    hand (radius 0), which keep a small clearance, and balls that cover the arm, which keep the
+    one to obstacles. Either may approach the surface at most at gain x what is left beyond the
+    clearance, a slow hand at a larger one, relative to the surface as it moves: ``n . (v_point
+    - v_surface)``; points of the hand that are no farther off than the ``extra_clearance`` a
+    lot slower. Of more than ``most`` those are kept that ask for the greatest speed away from
+    it.
     """
+    R, p, lower, upper = arm
+    _, _, grid, frame, X_WO, V_WO, extra_clearance = obstacles
     if grid.size == 0 or not np.isfinite(X_WO.sum() + V_WO.sum()):
         return 0
     # Nothing approaches faster than this, so what is farther than it allows needs no closer look.
@@ -255,39 +290,13 @@ def stop_kernel(H, f):
 
 
 @compiled
-def problem_kernel(
-    q,
-    qd_preferred,
-    J,
-    V,
-    qd_last,
-    options,
-    link,
-    ends,
-    radius,
-    pairs,
-    movers,
-    ball_link,
-    ball_center,
-    ball_radius,
-    guarded,
-    grid,
-    frame,
-    object_grid,
-    object_frame,
-    X_WO,
-    V_WO,
-    extra_clearance,
-    matrix,
-    vector,
-):
+def problem_kernel(request, options, body, obstacles, matrix, vector):
     """Writes the QP; returns the number of hard rows, -1 if the state is not finite, and of all.
 
-    Everything in two arrays, since making a NumPy array costs as much as filling it: ``matrix``
-    has H (7, 7) and below it the rows (m, 7), ``vector`` the lines lower bounds, upper bounds and
-    f. The arguments, from ``link`` to ``guarded`` those of `Body`, are single arrays, since numba
-    takes ten times as long to unpack a tuple.
+    In two arrays, since making a NumPy array costs as much as filling it: ``matrix`` has H (7, 7)
+    and below it the rows (m, 7), ``vector`` the lines lower bounds, upper bounds and f.
     """
+    q, qd_preferred, J, V, qd_last = request
     settings = options[0]
     lower, upper, f = vector[0], vector[1], vector[2, :7]
     state = 0.0
@@ -298,22 +307,11 @@ def problem_kernel(
     bounds_kernel(q, qd_last, settings, lower, upper)
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     link_poses_kernel(q, R, p)
-    body = Body(link, ends, radius, pairs, movers, ball_link, ball_center, ball_radius, guarded)
-    m = rows_kernel(
-        R,
-        p,
-        lower,
-        upper,
-        settings,
-        body,
-        grid,
-        frame,
-        matrix[IIWA_7.joints :],
-        lower[IIWA_7.joints :],
-    )
+    arm = ArmState(R, p, lower, upper)
+    m = rows_kernel(arm, settings, body, obstacles.grid, obstacles.frame, matrix[7:], lower[7:])
+    rows, bounds = matrix[7 + m :], lower[7 + m :]
     total = m + object_rows_kernel(
-        *(R, p, lower, upper, settings, guarded, object_grid, object_frame, X_WO, V_WO),
-        *(extra_clearance, MOST_OBJECT_ROWS, matrix[7 + m :], lower[7 + m :]),
+        arm, settings, body.guarded, obstacles, MOST_OBJECT_ROWS, rows, bounds
     )
     upper[7 : 7 + total] = _UNBOUNDED
     if not _write_request(

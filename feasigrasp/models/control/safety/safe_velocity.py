@@ -37,6 +37,9 @@ from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, record
 from feasigrasp.models.control.safety.problem import (
+    Body,
+    Obstacles,
+    Request,
     brake_kernel,
     clip_kernel,
     problem_kernel,
@@ -163,9 +166,9 @@ class SafetyFilter(Frozen):
             *balls,
             guarded,
         )
-        object.__setattr__(
-            self, "_arrays", (record(self.options), *(np.ascontiguousarray(g) for g in geometry))
-        )
+        made: Any = (np.ascontiguousarray(g) for g in geometry)
+        arrays = record(self.options), Body(*made)
+        object.__setattr__(self, "_arrays", arrays)
         most = 8 + len(model.pairs) + 2 * len(model.movers) + len(balls.link) + len(guarded)
         hard, soft = np.zeros(most, dtype=np.intc), np.full(most, _SOFT, dtype=np.intc)
         soft[: IIWA_7.joints] = 0
@@ -265,23 +268,16 @@ class SafetyFilter(Frozen):
         matrix, vector = np.empty((most, IIWA_7.joints)), np.zeros((3, most))
         grid = _NO_GRID if obstacles is None else obstacles
         target = _NO_OBJECT if moving is None else moving
-        n_hard, m = problem_kernel(
+        request = Request(
             q,
             qd_preferred,
             _NO_ROWS if J is None else J,
             _NONE if V is None else V,
             _NONE if qd_last is None else qd_last,
-            *self._arrays,
-            grid.values,
-            grid.frame,
-            target.grid.values,
-            target.grid.frame,
-            target.X_WO,
-            target.V_WO,
-            float(target.extra_clearance),
-            matrix,
-            vector,
         )
+        moving_grid, pose = target.grid, (target.X_WO, target.V_WO, float(target.extra_clearance))
+        scene = Obstacles(grid.values, grid.frame, moving_grid.values, moving_grid.frame, *pose)
+        n_hard, m = problem_kernel(request, *self._arrays, scene, matrix, vector)
         return matrix[: 7 + m if m >= 0 else 0], vector[:, : 7 + max(m, 0)], n_hard
 
 

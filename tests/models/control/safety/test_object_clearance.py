@@ -9,6 +9,8 @@ from scipy.spatial import cKDTree
 from feasigrasp.models.arrays import record
 from feasigrasp.models.control.safety.problem import (
     MOST_OBJECT_ROWS,
+    ArmState,
+    Obstacles,
     object_rows_kernel,
 )
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
@@ -159,8 +161,9 @@ def all_rows(q, grid, X_WO, V_WO, most=10_000, points=None, extra_clearance=0.0)
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     link_poses_kernel(q, R, p)
     options = record(SafetyOptions(object_clearance=0.0, object_gain=1.0, slow=1e3))[0]
-    moving = grid.values, grid.frame, X_WO, V_WO, extra_clearance
-    m = object_rows_kernel(R, p, -wide, wide, options, hand, *moving, most, rows, bounds)
+    arm, nothing = ArmState(R, p, -wide, wide), (np.empty((0, 0, 0), np.float32), np.zeros(5))
+    moving = Obstacles(*nothing, grid.values, grid.frame, X_WO, V_WO, extra_clearance)
+    m = object_rows_kernel(arm, options, hand, moving, most, rows, bounds)
     return rows[:m].copy(), bounds[:m].copy()
 
 
