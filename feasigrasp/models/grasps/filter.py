@@ -29,7 +29,7 @@ from feasigrasp.models.grasps.success_probability import (
     odds,
     probability,
 )
-from feasigrasp.models.quantities import POSES, ArrayOf, NotNegative, Whole
+from feasigrasp.models.quantities import POSES, ArrayOf, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import unit_normals
 from feasigrasp.models.shape.gpdf_fit import Gpdf
@@ -50,7 +50,6 @@ def filter_grasps(
     gripper: ParallelGripper,
     *,
     prior: Annotated[ArrayLike, ArrayOf(("n", 2), finite=False)] | None = None,
-    margin: NotNegative = MARGIN,
     cosine_steps: Sequence[float] = COSINE_STEPS,
     enough: Whole = 10,
     table: Annotated[ArrayLike, ArrayOf((4,))] | None = None,
@@ -70,12 +69,10 @@ def filter_grasps(
             that the hand is free, the latter NaN where it has no opinion. They are weighed with the
             estimate of the field; walls thinner than `THIN_WALL`, and hands that collide only with
             unobserved surface, are left to the network.
-        margin: Least distance of the open hand from the surface, and of either pad on its side
-            of the object [m]. Beside surface that was not seen it grows with the predicted error.
         cosine_steps: Largest cosine allowed between the contact normals, strictest first. A
             weaker one is used only while fewer than ``enough`` grasps pass.
         enough: See ``cosine_steps``.
-        table: A plane that the hand has to stay above by the margin: unit normal n in O and
+        table: A plane that the hand has to stay above by `MARGIN`: unit normal n in O and
             offset h, shape (4,) [m]; points with ``n . p > h`` are above.
 
     Returns:
@@ -103,10 +100,10 @@ def filter_grasps(
     if len(candidates) == 0:
         return candidates
 
-    narrow = candidates.width <= gripper.max_opening - 2 * margin
+    narrow = candidates.width <= gripper.max_opening - 2 * MARGIN
     candidates = candidates.select(narrow, Rejection.TOO_WIDE)
     if plane is not None:
-        candidates = _above_table(candidates, plane, gripper, margin)
+        candidates = _above_table(candidates, plane, gripper)
     pairs, pair_of = _contact_pairs(candidates)
     thin = (pairs.width < THIN_WALL) & (prior is not None)
     off, cosine = _contact_state(gpdf, pairs)
@@ -121,9 +118,7 @@ def filter_grasps(
     left, pair_of = np.unique(pair_of, return_inverse=True)
     pairs, cosine, pair_of = pairs.select(left), cosine[left], pair_of.reshape(-1)
 
-    free, certain = hand_freedom(
-        gpdf, candidates, learned[candidates.id, 1], gripper, margin, enough
-    )
+    free, certain = hand_freedom(gpdf, candidates, learned[candidates.id, 1], gripper, enough)
     certain = certain[free]
     candidates, pair_of = _apply(candidates, pair_of, {Rejection.COLLIDES: free})
 
@@ -188,16 +183,14 @@ def _apply(
     return grasps.select(passed).counted(dropped), pair_of[passed]
 
 
-def _above_table(
-    grasps: GraspSet, plane: Array, gripper: ParallelGripper, margin: float
-) -> GraspSet:
+def _above_table(grasps: GraspSet, plane: Array, gripper: ParallelGripper) -> GraspSet:
     """The grasps whose hand is above a plane, turned by half a turn where that is what it takes."""
     hand = gripper.surface_points(gripper.max_opening)
     heights = []
     for way in (hand, hand @ FLIP[:3, :3]):
         points = np.einsum("nij,kj->nki", grasps.X_OG[:, :3, :3], way) + grasps.X_OG[:, None, :3, 3]
         heights.append((points @ plane[:3] - plane[3]).min(axis=1))
-    as_is, flipped = heights[0] >= margin, heights[1] >= margin
+    as_is, flipped = heights[0] >= MARGIN, heights[1] >= MARGIN
     turn = ~as_is & flipped
     poses = np.where(turn[:, None, None], grasps.X_OG @ FLIP, grasps.X_OG)
     return replace(grasps, X_OG=poses).select(as_is | flipped, Rejection.HITS_TABLE)

@@ -76,7 +76,6 @@ def hand_freedom(
     grasps: GraspSet,
     learned: Array,
     gripper: ParallelGripper,
-    margin: float,
     enough: int,
 ) -> tuple[Mask, Array]:
     """Mask of collision-free open hands, with probabilities.
@@ -90,23 +89,22 @@ def hand_freedom(
         learned: Probability that the hand is free, as a network estimates it, shape (n,); NaN where
             it has no opinion.
         gripper: The hand.
-        margin: Least distance from surface that was seen [m].
         enough: While fewer hands than this are free, what lies in known free space does not count.
 
     Returns:
         Which are free, and how probable that is of each, shapes (n,).
     """
-    clearance, deviation = hand_clearance(gpdf, grasps.X_OG, gripper, margin)
-    free = clearance >= margin + MARGIN_GROWTH * deviation
+    clearance, deviation = hand_clearance(gpdf, grasps.X_OG, gripper, MARGIN)
+    free = clearance >= MARGIN + MARGIN_GROWTH * deviation
     in_doubt = np.zeros(len(grasps), dtype=bool)
     if gpdf.has_free_space:
         in_doubt = ~free & (grasps.score * np.nan_to_num(learned) >= HOPEFUL)
         few = np.count_nonzero(free) < enough
         again = ~free & ~in_doubt & (few | (grasps.width < THIN_WALL))
         clearance[again] = observed_clearance(gpdf, grasps.X_OG[again], gripper)
-        free[again] = clearance[again] >= margin + MARGIN_GROWTH * deviation[again]
+        free[again] = clearance[again] >= MARGIN + MARGIN_GROWTH * deviation[again]
         apart = observed_clearance(gpdf, grasps.X_OG[in_doubt], gripper, INVENTED)
-        free[in_doubt] = apart >= margin
+        free[in_doubt] = apart >= MARGIN
     certain = probability(CLEARANCE, clearance_evidence(clearance, deviation))
     joint = probability(JOINT_CLEARANCE, odds(learned), odds(certain))
     certain = np.where(np.isnan(learned), certain, joint)

@@ -18,6 +18,8 @@ from feasigrasp.models.mixtures.em import Samples, Stop, expectation_maximizatio
 from feasigrasp.models.mixtures.mixture import RiemannianMixture, bic
 from feasigrasp.models.quantities import POSES, ArrayOf, Count, Number, Positive
 
+#: The distance that weighs as much as one radian in seeding [m/rad].
+_LENGTH_SCALE = 0.1
 #: Squared distance [rad^2] under which a pose counts as a duplicate of a seed.
 _DUPLICATE = 1e-12
 
@@ -101,7 +103,6 @@ def fit_riemannian_mixture(
     rng: np.random.Generator,
     *,
     sample_weights: Annotated[ArrayLike, ArrayOf(("n",))] | None = None,
-    length_scale: Positive = 0.1,
     rotation_floor: Positive = 0.05,
     translation_floor: Positive = 0.005,
     max_iterations: Count = 50,
@@ -119,7 +120,6 @@ def fit_riemannian_mixture(
         n_components: Number of components K wanted; the result may have fewer.
         rng: Source of randomness of the seeds.
         sample_weights: Importance of each pose, not negative, shape (n,); only ratios matter.
-        length_scale: The distance that weighs as much as one radian in seeding [m/rad].
         rotation_floor: Standard deviation added to every rotational direction [rad].
         translation_floor: Standard deviation added to every translational direction [m].
         max_iterations: Upper bound on the number of EM iterations.
@@ -131,7 +131,6 @@ def fit_riemannian_mixture(
     problem = _Problem(
         np.asarray(X),
         sample_weights,
-        length_scale,
         rotation_floor,
         translation_floor,
         max_iterations,
@@ -207,7 +206,6 @@ class _Problem:
 
     X: Array
     sample_weights: ArrayLike | None = None
-    length_scale: float = 0.1
     rotation_floor: float = 0.05
     translation_floor: float = 0.005
     max_iterations: int = 50
@@ -219,7 +217,7 @@ class _Problem:
     def __post_init__(self) -> None:
         if len(self.X) == 0:
             raise GraspError("a mixture's X is empty; give poses (n, 4, 4), n >= 1")
-        for name in ("length_scale", "rotation_floor", "translation_floor", "max_iterations"):
+        for name in ("rotation_floor", "translation_floor", "max_iterations"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise GraspError(f"fit_riemannian_mixture: {name} = {value} must be positive.")
@@ -228,14 +226,14 @@ class _Problem:
             np.ascontiguousarray(self.X[:, :3, 3].T),
             _checked_weights(self.sample_weights, len(self.X)),
         )
-        self.scale = np.array([1.0] * 3 + [self.length_scale] * 3)
+        self.scale = np.array([1.0] * 3 + [_LENGTH_SCALE] * 3)
         floors = [self.rotation_floor] * 3 + [self.translation_floor] * 3
         self.floor = np.array(floors) ** 2
 
     def seeded(self, n_components: int, rng: np.random.Generator) -> _Fit:
         """EM from k-means++ seeds."""
         draws = rng.random((min(n_components, len(self.X)), 4))
-        seeds, spread = seed_means(*self.samples, self.length_scale, draws)
+        seeds, spread = seed_means(*self.samples, _LENGTH_SCALE, draws)
         k = len(seeds)
         covariance = np.diag(spread**2 * self.scale**2 + self.floor)
         return self._em(np.full(k, 1.0 / k), self.X[seeds], np.tile(covariance, (k, 1, 1)))

@@ -41,7 +41,7 @@ def _nearest_point_kernel(points, low, size, squares):
         for i in range(max(base[0] - 1, 0), min(base[0] + 2, n[0])):
             for j in range(max(base[1] - 1, 0), min(base[1] + 2, n[1])):
                 for k in range(max(base[2] - 1, 0), min(base[2] + 2, n[2])):
-                    _take(points, m, low, size, i, j, k, taken, squares)
+                    _take(points, m, (low, size), (i, j, k), taken, squares)
     for sweep in range(8):
         di, dj, dk = 1 - 2 * (sweep & 1), 1 - (sweep & 2), 1 - (sweep & 4) // 2
         for a in range(n[0]):
@@ -51,16 +51,17 @@ def _nearest_point_kernel(points, low, size, squares):
                 for c in range(n[2]):
                     k = c if dk > 0 else n[2] - 1 - c
                     if a > 0 and taken[i - di, j, k] >= 0:
-                        _take(points, taken[i - di, j, k], low, size, i, j, k, taken, squares)
+                        _take(points, taken[i - di, j, k], (low, size), (i, j, k), taken, squares)
                     if b > 0 and taken[i, j - dj, k] >= 0:
-                        _take(points, taken[i, j - dj, k], low, size, i, j, k, taken, squares)
+                        _take(points, taken[i, j - dj, k], (low, size), (i, j, k), taken, squares)
                     if c > 0 and taken[i, j, k - dk] >= 0:
-                        _take(points, taken[i, j, k - dk], low, size, i, j, k, taken, squares)
+                        _take(points, taken[i, j, k - dk], (low, size), (i, j, k), taken, squares)
 
 
 @compiled(forceinline=True)
-def _take(points, m, low, size, i, j, k, taken, squares):
-    """Lets node i, j, k take point m if it is nearer than the one it has."""
+def _take(points, m, grid, node, taken, squares):
+    """Lets a node take point m if it is nearer than the one it has."""
+    (low, size), (i, j, k) = grid, node
     x, y, z = low[0] + size * i, low[1] + size * j, low[2] + size * k
     square = (x - points[m, 0]) ** 2 + (y - points[m, 1]) ** 2 + (z - points[m, 2]) ** 2
     if square < squares[i, j, k]:

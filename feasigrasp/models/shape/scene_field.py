@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,10 +29,18 @@ from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.checks import MIN_POINTS, directions_to_camera
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
 from feasigrasp.models.clouds.observed_space import SCENE_VOXEL
-from feasigrasp.models.quantities import POINTS, VIEW, ArrayOf, Bound, Count, NotNegative, Positive
+from feasigrasp.models.quantities import POINTS, VIEW, ArrayOf, Bound, NotNegative, Positive
 from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
+#: Edge length of the cubes with a field each [m], and how it is fitted.
+_CUBE = 0.25
+_FIT: dict[str, Any] = {
+    "length_scale": 0.1,
+    "noise_variance": 0.0025,
+    "surface_offset": 0.005,
+    "max_points": 320,
+}
 #: Points this far around a cube take part in its field, so that neighbours agree [m].
 _RIM = 0.04
 #: Steps onto the surface, before and after moving along it towards the query.
@@ -68,7 +76,7 @@ class SceneField(Frozen):
     cube: Annotated[Indices, ArrayOf(("n",), dtype=np.int64)]
     fields: tuple[Gpdf | None, ...]
     resolution: Positive
-    thickness: NotNegative
+    thickness: NotNegative = 0.05
     unobserved: Annotated[Array, _UNOBSERVED] = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
@@ -174,12 +182,6 @@ def fit_scene(
     viewpoint: Annotated[ArrayLike, VIEW],
     *,
     resolution: Positive = 0.01,
-    cube_size: Positive = 0.25,
-    max_points: Count = 320,
-    length_scale: Positive = 0.1,
-    noise_variance: Positive = 0.0025,
-    surface_offset: Positive = 0.005,
-    thickness: NotNegative = 0.05,
 ) -> SceneField:
     """Fits the distance field of a scene.
 
@@ -188,12 +190,6 @@ def fit_scene(
         viewpoint: Where the camera was, shape (3,) [m], or, for merged views, the direction from
             each point to its camera, shape (n, 3).
         resolution: Edge length of the voxels in which points are averaged [m].
-        cube_size: Edge length of the cubes with a field each [m].
-        max_points: Most surface points per field.
-        length_scale: l of the kernel [m].
-        noise_variance: s2 of the occupancy observations.
-        surface_offset: h of the values beside the surface [m].
-        thickness: Depth behind a seen surface that counts as inside [m].
 
     Raises:
         PointCloudError: If the cloud is too small, of the wrong shape, or holds NaN or infinity.
@@ -209,26 +205,17 @@ def fit_scene(
     rows, keys = np.hstack([cloud, towards]), voxel_keys(cloud, resolution)
     means, _ = grouped_means(rows, keys, np.ones(len(cloud)))
     thin, directions = np.ascontiguousarray(means[:, :3]), means[:, 3:]
-    cells = np.floor(thin / cube_size + 0.5).astype(np.int64)  # a table at 0 stays in one
+    cells = np.floor(thin / _CUBE + 0.5).astype(np.int64)  # a table at 0 stays in one
     corners, cube = np.unique(cells, axis=0, return_inverse=True)
     fields: list[Gpdf | None] = []
-    for low in (corners - 0.5) * cube_size:
-        inside = ((thin > low - _RIM) & (thin < low + cube_size + _RIM)).all(axis=1)
+    for low in (corners - 0.5) * _CUBE:
+        inside = ((thin > low - _RIM) & (thin < low + _CUBE + _RIM)).all(axis=1)
         try:
-            fields.append(
-                fit_gpdf(
-                    thin[inside],
-                    length_scale=length_scale,
-                    noise_variance=noise_variance,
-                    surface_offset=surface_offset,
-                    max_points=max_points,
-                    viewpoint=directions[inside],
-                )
-            )
+            fields.append(fit_gpdf(thin[inside], viewpoint=directions[inside], **_FIT))
         except PointCloudError:  # a handful of points
             fields.append(None)
     cube = cube.reshape(-1).astype(np.int64)
-    return SceneField(thin, cube, tuple(fields), resolution, thickness)
+    return SceneField(thin, cube, tuple(fields), resolution)
 
 
 def _along(vectors: Array, normals: Array, length: float) -> Array:

@@ -98,19 +98,13 @@ def contact_features(
     ends, facing = centred + chord[:, None] * axes, (chord > 0.0)[:, None] * axes
     vectors = np.empty((3, VECTORS, len(points)), dtype=kind)
     numbers = np.empty((NUMBERS, len(points)), dtype=kind)
-    _assemble(
-        centred,
-        normals,
-        scalars,
-        confidence,
+    around = (
         neighbourhoods(centred, normals, centred, normals, confidence, _NEAR_RADII),
         neighbourhoods(centred, normals, *cloud, (_WIDE_RADIUS,)),
         neighbourhoods(ends, facing, centred, normals, confidence, (_FAR_RADIUS,)),
-        kind.type(_COUNT / len(centred)),
-        kind.type(_COUNT / len(chosen)),
-        vectors,
-        numbers,
     )
+    counts = kind.type(_COUNT / len(centred)), kind.type(_COUNT / len(chosen))
+    _assemble(centred, normals, scalars, confidence, around, counts, vectors, numbers)
     room = hand_room(
         centred,
         axes,
@@ -126,10 +120,9 @@ def contact_features(
 
 
 @compiled(nogil=True)
-def _assemble(
-    centred, normals, scalars, confidence, near, wide, far, count, wide_count, vectors, numbers
-):
+def _assemble(centred, normals, scalars, confidence, around, counts, vectors, numbers):
     """Writes vectors and numbers; numbers are logarithms where magnitudes differ widely."""
+    (near, wide, far), (count, wide_count) = around, counts
     kind = centred.dtype.type
     scale, scale_of_deviation, least, zero = (
         kind(1.0 / LENGTH_SCALE),

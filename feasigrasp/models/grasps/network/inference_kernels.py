@@ -4,9 +4,11 @@ Matrix products go to BLAS, on tiles of contacts; everything between them is fus
 """
 
 from collections import namedtuple
+from typing import NamedTuple
 
 import numpy as np
 
+from feasigrasp.models.arrays import Floats
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.grasps.network.contact_features import LENGTH_SCALE
 from feasigrasp.models.grasps.network.surroundings import ROOM
@@ -28,6 +30,42 @@ FusedWeights = namedtuple(
     "second_bias ring_gates ring_gates_bias ring_room ring_hidden ring_hidden_bias ring_free "
     "ring_free_bias judge judge_bias last last_bias",
 )
+
+
+class EncodedCloud(NamedTuple):
+    """Contacts as the second stage of the network takes them.
+
+    Attributes:
+        encoded: Vectors (3, C, n).
+        shift: What their mean adds to the refined ones (3, C + 1).
+        numbers: Invariants of the features.
+        room: Room for the hand.
+        frames: Axis, reference direction and their cross product (3, 3, n).
+        turns: Cosines and sines of the ring (2, K).
+        context: What the pooled survey adds to the second layer.
+    """
+
+    encoded: Floats
+    shift: Floats
+    numbers: Floats
+    room: Floats
+    frames: Floats
+    turns: Floats
+    context: Floats
+
+
+class ContactOutputs(NamedTuple):
+    """Outputs per contact.
+
+    Attributes:
+        head: Logit, then `WIDTHS` corrections of the width, spreads and weights.
+        tilt: Of the closing direction (3, n).
+        free: Logits of free approaches (K, n).
+    """
+
+    head: Floats
+    tilt: Floats
+    free: Floats
 
 
 @compiled(forceinline=True, fastmath=True)
@@ -172,25 +210,17 @@ def _add_product(x, y, out):
 
 
 @compiled
-def contacts_kernel(
-    encoded, shift, numbers, room, frames, turns, context, w, tilts, head_outputs, tilt, free
-):
-    """Writes the outputs per contact, tilts (3, n), and logits of free approaches.
+def contacts_kernel(cloud, w, tilts, outputs):
+    """Writes the outputs per contact.
 
     Args:
-        encoded: Vectors (3, C, n).
-        shift: What their mean adds to the refined ones (3, C + 1).
-        numbers: Invariants of the features.
-        room: Room for the hand.
-        frames: Axis, reference direction and their cross product (3, 3, n).
-        turns: Cosines and sines of the ring (2, K).
-        context: What the pooled survey adds to the second layer.
+        cloud: `EncodedCloud`.
         w: The weights.
         tilts: Number of vectors that may tilt the closing direction.
-        head_outputs: Written: logit, then `WIDTHS` corrections of the width, spreads and weights.
-        tilt: Written.
-        free: Written.
+        outputs: `ContactOutputs`, written.
     """
+    encoded, shift, numbers, room, frames, turns, context = cloud
+    head_outputs, tilt, free = outputs
     wide_vectors()
     kind = encoded.dtype
     n, channels, K = numbers.shape[1], encoded.shape[1], len(free)
@@ -256,10 +286,10 @@ def contacts_kernel(
 
 
 @compiled(nogil=True)
-def grasps_kernel(
-    chords, frames, turns, head_outputs, tilt, free, closing, width, spread, approach, score
-):
+def grasps_kernel(chords, frames, turns, outputs, grasps):
     """Writes grasps, in float64 so that unit vectors are unit; spreads before their softplus."""
+    head_outputs, tilt, free = outputs
+    closing, width, spread, approach, score = grasps
     ring, modes = len(free), score.shape[1]
     logits = np.empty(ring)
     for i in range(len(width)):

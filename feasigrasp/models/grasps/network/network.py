@@ -32,6 +32,8 @@ from feasigrasp.models.grasps.network.contact_features import (
 )
 from feasigrasp.models.grasps.network.inference_kernels import (
     WIDTHS,
+    ContactOutputs,
+    EncodedCloud,
     FusedWeights,
     cloud_kernel,
     contacts_kernel,
@@ -138,32 +140,20 @@ class FusedContactNetwork:
         directions = x.room.shape[1]
         angle = 2.0 * np.pi * np.arange(directions) / directions
         turns = np.stack([np.cos(angle), np.sin(angle)]).astype(kind)
-        head_outputs = np.empty((1 + 3 * WIDTHS, n), dtype=kind)
-        tilt = np.empty((3, n), dtype=kind)
-        free = np.empty((directions, n), dtype=kind)
+        shapes = (1 + 3 * WIDTHS, n), (3, n), (directions, n)
+        outputs = ContactOutputs(*(np.empty(shape, dtype=kind) for shape in shapes))
         with _threads().limit(limits=1, user_api="blas"):
             encoded, mean, pooled = cloud_kernel(x.vectors, x.numbers, w)
             context = w.context @ pooled + w.context_bias + w.second_bias
-            contacts_kernel(
-                encoded,
-                mean @ self.of_mean.T,
-                x.numbers,
-                x.room,
-                frames,
-                turns,
-                context,
-                w,
-                self.tilts,
-                head_outputs,
-                tilt,
-                free,
-            )
+            shift = mean @ self.of_mean.T
+            cloud = EncodedCloud(encoded, shift, x.numbers, x.room, frames, turns, context)
+            contacts_kernel(cloud, w, self.tilts, outputs)
         closing, width, spread = np.empty((n, 3)), np.empty(n), np.empty(n)
         approach, score = np.empty((n, modes, 3)), np.empty((n, modes))
         grasps = (closing, width, spread, approach, score)
-        grasps_kernel(x.chords, frames, turns, head_outputs, tilt, free, *grasps)
+        grasps_kernel(x.chords, frames, turns, outputs, grasps)
         contact, score = (
-            1.0 / (1.0 + np.exp(-logit)) for logit in (head_outputs[0].astype(float), score)
+            1.0 / (1.0 + np.exp(-logit)) for logit in (outputs.head[0].astype(float), score)
         )
         spread = LEAST_SPREAD + SPREAD * np.logaddexp(0.0, spread)
         return contact, closing, width, spread, approach, score

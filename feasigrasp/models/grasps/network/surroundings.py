@@ -83,9 +83,8 @@ def neighbourhood_kernel(centers, facing, cloud, radii, axis, means):
             inverse = one / (radius * radius)
             start = np.searchsorted(cloud[axis], p[axis] - radius)
             stop = np.searchsorted(cloud[axis], p[axis] + radius)
-            _neighbourhood(
-                p[0], p[1], p[2], n[0], n[1], n[2], cloud, start, stop, inverse, one, zero, mean
-            )
+            at, facing_there = (p[0], p[1], p[2]), (n[0], n[1], n[2])
+            _neighbourhood(at, facing_there, cloud, (start, stop), inverse, mean)
             if mean[0] > zero:
                 share = one / mean[0]
                 for c in range(1, 8):
@@ -95,8 +94,10 @@ def neighbourhood_kernel(centers, facing, cloud, radii, axis, means):
 
 
 @compiled(forceinline=True, fastmath=True)
-def _neighbourhood(x, y, z, u, v, w, cloud, start, stop, inverse, one, zero, out):
+def _neighbourhood(at, facing, cloud, span, inverse, out):
     wide_vectors()
+    (x, y, z), (u, v, w), (start, stop) = at, facing, span
+    one, zero = cloud.dtype.type(1.0), cloud.dtype.type(0.0)
     xs, ys, zs = cloud[0, start:stop], cloud[1, start:stop], cloud[2, start:stop]
     us, vs, ws = cloud[3, start:stop], cloud[4, start:stop], cloud[5, start:stop]
     confidence = cloud[6, start:stop]
@@ -118,10 +119,9 @@ def _neighbourhood(x, y, z, u, v, w, cloud, start, stop, inverse, one, zero, out
 
 
 @compiled(nogil=True, fastmath=True)
-def room_kernel(
-    points, axes, across, half_widths, cloud, confidence, turns, hand, reach, share, room
-):
-    """Writes `hand_room` (ROOM, K, n)."""
+def room_kernel(contacts, surface, turns, hand, reach, share, room):
+    """Writes `hand_room` (ROOM, K, n); contacts and surface are its first four and next two."""
+    (points, axes, across, half_widths), (cloud, confidence) = contacts, surface
     wide_vectors()
     sums = np.empty((len(turns), room.shape[0]), dtype=points.dtype)
     rows = np.empty((6, cloud.shape[1]), dtype=points.dtype)
@@ -132,7 +132,7 @@ def room_kernel(
         v = (b[1] * u[2] - b[2] * u[1], b[2] * u[0] - b[0] * u[2], b[0] * u[1] - b[1] * u[0])
         x, y, z = points[i, 0] + half * b[0], points[i, 1] + half * b[1], points[i, 2] + half * b[2]
         u, b = (u[0], u[1], u[2]), (b[0], b[1], b[2])
-        _project(x, y, z, b, u, v, half, cloud, hand, profile)
+        _project((x, y, z), (b, u, v), half, cloud, hand, profile)
         for k in range(opposite):
             cos, sin = turns[k, 0], turns[k, 1]
             _directions(cos, sin, profile, confidence, hand, reach, sums[k], sums[k + opposite])
@@ -142,11 +142,12 @@ def room_kernel(
 
 
 @compiled(forceinline=True, fastmath=True)
-def _project(x, y, z, b, u, v, half, cloud, hand, profile):
+def _project(middle, axes, half, cloud, hand, profile):
     """Writes the profile of the cloud (3, c) about the axis b through (x, y, z)."""
     wide_vectors()
     xs, ys, zs = cloud[0], cloud[1], cloud[2]
     p, q, finger, way, palm, camera = profile
+    (x, y, z), (b, u, v) = middle, axes
     b0, b1, b2 = b
     u0, u1, u2 = u
     v0, v1, v2 = v
@@ -286,12 +287,8 @@ def hand_room(
     turns = np.stack([np.cos(angle), np.sin(angle)], 1).astype(kind)
     room = np.empty((ROOM, directions, len(points)), dtype=kind)
     room_kernel(
-        points,
-        axes,
-        across,
-        kind(0.5) * widths,
-        np.ascontiguousarray(cloud.T),
-        confidence,
+        (points, axes, across, kind(0.5) * widths),
+        (np.ascontiguousarray(cloud.T), confidence),
         turns,
         HandSizes(*np.array(_hand_sizes(gripper), dtype=kind)),
         kind(REACH),
