@@ -313,7 +313,8 @@ def add_control(
 
 def add_status(cell: Cell) -> None:
     """Adds the status monitor."""
-    cell.add("status", StatusMonitor(cell.gripper, cell.scenario.grasp))
+    measured = cell.scenario.tracker.kind != TrackerKind.CAMERA
+    cell.add("status", StatusMonitor(cell.gripper, cell.scenario.grasp, sees_slip=measured))
 
 
 def add_measurement(cell: Cell) -> None:

@@ -164,9 +164,19 @@ class StatusMonitor(LeafSystem):
         sequence: GraspSequenceConfig | None = None,
         *,
         period: float = PERIOD,
+        sees_slip: bool = True,
     ) -> None:
-        """A monitor of an arm that carries ``gripper``, which closes as ``sequence`` says."""
+        """A monitor of an arm that carries ``gripper``, which closes as ``sequence`` says.
+
+        Args:
+            gripper: The hand.
+            sequence: When it closes; by default as the configuration's defaults say.
+            period: Time between looks [s].
+            sees_slip: Whether the pose of an object in the hand is measured: a camera on the hand
+                sees too little of it, and two of three slips that it shows are none.
+        """
         super().__init__()
+        self._sees_slip = sees_slip
         self._gripper, self._sequence = gripper, sequence or GraspSequenceConfig()
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         self._velocity = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
@@ -228,7 +238,7 @@ class StatusMonitor(LeafSystem):
         X_OH = self._hand(context)
         # The last look before the object was let go was at the very time.
         held = reported.X_OH if phase > Phase.CLOSE else X_OH
-        in_hand = phase > Phase.CLOSE and not tracking.lost
+        in_hand = self._sees_slip and phase > Phase.CLOSE and not tracking.lost
         slipped, turned = _least_error(held[None], X_OH) if in_hand and held is not None else _NONE
         code, detail = judge(
             Situation(

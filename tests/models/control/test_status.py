@@ -20,14 +20,22 @@ CASES = [
         StatusCode.WAITING,
         "joint limits",
     ),
-    # More than nine in ten for one reason: then it is where the object is.
+    # More than nine in ten for where the object is.
     (
-        {"reachable": 0, "verdicts": {"wrist out of reach": 19, "table": 1}},
+        {"reachable": 0, "verdicts": {"wrist out of reach": 19, "joint limits": 1}},
         StatusCode.OUT_OF_REACH,
         "wrist",
     ),
-    ({"reachable": 0, "verdicts": {"wrist out of reach": 9, "table": 1}}, StatusCode.WAITING, ""),
-    ({"reachable": 0, "verdicts": {"table": 7}}, StatusCode.BLOCKED_BY_TABLE, "table"),
+    (
+        {"reachable": 0, "verdicts": {"wrist out of reach": 9, "joint limits": 1}},
+        StatusCode.WAITING,
+        "wrist",
+    ),
+    (
+        {"reachable": 0, "looking": True, "verdicts": {"wrist out of reach": 3, "table": 7}},
+        StatusCode.BLOCKED_BY_TABLE,
+        "table",
+    ),
     ({"reachable": 0, "verdicts": {"joint limits": 7}}, StatusCode.WAITING, "joint limits"),
     (
         {"grasps": 0, "reachable": 0, "rejected": {"too wide": 9, "off the surface": 1}},
