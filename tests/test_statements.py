@@ -6,20 +6,31 @@ import re
 
 import numpy as np
 import pytest
+import yaml
 
 import feasigrasp as fg
 from feasigrasp.models.control.joint.field import MAX_LENGTH_SCALE, MIN_LENGTH_SCALE, SPACING_RATIO
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.planning.cost_weights import CostWeights
+from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
+from feasigrasp.models.objects.rigid_object import builtin_objects
 from feasigrasp.models.objects.spring_drive import SPRINGS
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.robot import IIWA_7, ParallelGripper
 from feasigrasp.resources import diagram_path
+from feasigrasp.runs.metrics.reference_robot import SLICES
+from feasigrasp.scenario import faults
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.runs.plan import TEST_OBJECTS
+from feasigrasp.systems.hardware import channels
+from feasigrasp_lab.measures.grasps import GRASPABLE
+from feasigrasp_lab.protocols.degradations import motion_capture
+from feasigrasp_lab.protocols.speed import SPEEDS, SPINS
+from feasigrasp_lab.runs.plan import FIRST_TEST_SEED, TEST_OBJECTS
+from feasigrasp_lab.studies.static import PROTOCOLS
+from feasigrasp_lab.training.data.household_shapes import FAMILIES, HELD_OUT
 from tests.conftest import REPOSITORY
 from tools.constants import constants
 
@@ -58,19 +69,34 @@ def weights(name):
 
 
 ALL, SOON, JOINT = CostWeights(), CostWeights.to_grasp_soon(), CostWeights.for_joint_field()
-CHOICE, GRASP, SAFE, SCENARIO = ChoiceOptions(), GraspSequenceConfig(), fg.SafetyOptions(), Scenario()
+CHOICE, GRASP, SAFE, SCENARIO = (
+    ChoiceOptions(),
+    GraspSequenceConfig(),
+    fg.SafetyOptions(),
+    Scenario(),
+)
 REACH, TRACKER = SCENARIO.reachability, TrackerConfig()
 COMPLETE = defaults("feasigrasp.models.shape.completion.complete_shape")
 FIT = defaults("feasigrasp.models.shape.gpdf_fit.fit_gpdf")
 JUDGED = defaults("feasigrasp.models.reach.predicted_reachability.judge_grasps")
 MIXTURE = defaults("feasigrasp.models.mixtures.fit.fit_best_mixture")
+REACHABILITY = defaults("feasigrasp.Reachability")
 HAND = ParallelGripper()
 SOFT, STIFF, RIGID = (spring[:2] for spring in SPRINGS.values())
-SPEEDS = np.rad2deg(IIWA_7.velocity_limits)
+JOINT_SPEEDS = np.rad2deg(IIWA_7.velocity_limits)
 PAPER, FAST = (
     load_scenario(diagram_path("dynamic.scenarios.yaml"), f"PaperLinear{end}").motion.rate
     for end in ("", "Fast")
 )
+
+HARD, OLD, CAPTURE, ALONE = (
+    load_scenario(diagram_path("dynamic.scenarios.yaml"), name)
+    for name in ("Static", "Static", "ReachLinearMocap", "ReachLinear")
+)
+PROTOCOLS["hard"](HARD)
+PROTOCOLS["paper"](OLD)
+motion_capture(CAPTURE)
+CAMERA, NOISE = ALONE.cameras["wrist_camera"], ALONE.camera_noise["wrist_camera"]
 
 #: By page: a statement, and the values that stand in it.
 STATEMENTS = {
@@ -128,6 +154,15 @@ STATEMENTS = {
             "with z = {:g}. `carrier.stiffness` sets k, by default {:g} N/m",
             (value("spring_drive.DAMPING_RATIO"), STIFF[0]),
         ),
+        (
+            "The hand goes on for {:g} s, then lifts",
+            (GRASP.handover_time,),
+        ),
+        (
+            "more than {:g} to {:g} s), the joints",
+            (0.5 * value("reference._FAR"), value("reference._FAR")),
+        ),
+        ("so {:g} % of the limits are sent", (100 * IIWA_7.acceleration_share,)),
         ("With fewer than {} grasps left", (value("non_maximum_suppression.ENOUGH"),)),
         ("more than {:g} mm from the surface", (mm("filter.CONTACT_TOLERANCE"),)),
         ("exceeds {:g}; {:g}, then {:g}, while", value("filter.COSINE_STEPS")),
@@ -145,7 +180,10 @@ STATEMENTS = {
         ("scores {:g} times as much", (value("non_maximum_suppression.HYSTERESIS"),)),
         ("`angle² + (distance / {:g} m)²`", (value("target.LENGTH_PER_RADIAN"),)),
         ("chooses 1 to {} components", (MIXTURE["max_components"],)),
-        ("the {} best scores pass, none below {:g} of the best", (JUDGED["n_best"], JUDGED["score_share"])),
+        (
+            "the {} best scores pass, none below {:g} of the best",
+            (JUDGED["n_best"], JUDGED["score_share"]),
+        ),
         (
             "with a pre-grasp pose {:g} cm behind them",
             (100 * value("predicted_reachability.WAY_IN"),),
@@ -204,6 +242,13 @@ STATEMENTS = {
         ("(1 s counts as {:g} rad)", (SolutionOptions().radians_per_second,)),
     ],
     "safety.md": [
+        (
+            "{:g} %, {:g} % | `velocity_scale`, `acceleration_scale`",
+            (100 * SAFE.velocity_scale, 100 * SAFE.acceleration_scale),
+        ),
+        ("judged with a position margin of {:g} rad", (REACHABILITY["limit_margin"],)),
+        ("of the {:g} mm clearance", (1e3 * SAFE.clearance,)),
+        ("The arm keeps {:g} cm.", (100 * SAFE.obstacle_clearance,)),
         ("| position margin | {:g} rad |", (SAFE.position_margin,)),
         ("| clearance between bodies of the robot | {:g} mm |", (1e3 * SAFE.clearance,)),
         (
@@ -249,8 +294,20 @@ STATEMENTS = {
         ("a factor of e in {:g} s", (value("next_best_view._RELAXES"),)),
     ],
     "hardware.md": [
+        ("drake-iiwa-driver | {:g} Hz |", (1 / channels.IIWA_PERIOD,)),
+        ("drake-schunk-driver | {:g} Hz |", (1 / channels.WSG_PERIOD,)),
+        ("{:g} ms after the last request", (1e3 * CommandGuard.DEADLINE,)),
+        ("or {:g} rad from the measured", (CommandGuard.MAX_DISTANCE,)),
+        ("stop for {:g} s | guard", (CommandGuard.SILENCE,)),
+        ("{:g} s after they return", (CommandGuard.START_AFTER,)),
+        ("velocity ({:g} %)", (100 * CommandGuard.SPEED,)),
+        (
+            "deadline {:g} ms, deviation {:g} rad",
+            (1e3 * CommandGuard.DEADLINE, CommandGuard.MAX_DISTANCE),
+        ),
+        ("joint positions | {:.1f}° inside", (np.rad2deg(SAFE.position_margin),)),
         ("is {:g} % of the velocity limits", (percent("run.HARDWARE_SPEED"),)),
-        ("{:.0f} to {:.0f} °/s", (SPEEDS.min(), SPEEDS.max())),
+        ("{:.0f} to {:.0f} °/s", (JOINT_SPEEDS.min(), JOINT_SPEEDS.max())),
         (
             "{:.1f} to {:.1f} rad/s²",
             (IIWA_7.acceleration_limits.min(), IIWA_7.acceleration_limits.max()),
@@ -260,6 +317,9 @@ STATEMENTS = {
         ("ends after {:g} s with an error", (value("control.WAIT_FOR_GUARD"),)),
     ],
     "own_cell.md": [
+        ("| `palm_size` | [{:.3f}, {:.3f}, {:.3f}] |", HAND.palm_size),
+        ("{} objects come with the package", (len(builtin_objects()),)),
+        ("minimum depth {:g} m, stereo baseline {:g} mm", (CAMERA.z_near, 1e3 * NOISE["baseline"])),
         ("| `max_opening` | {:g} |", (HAND.max_opening,)),
         ("| `tool_offset` | {:g} |", (HAND.tool_offset,)),
         ("| `grip_force` | {:g} |", (HAND.grip_force,)),
@@ -278,6 +338,10 @@ STATEMENTS = {
         ("within {:g} m of the hand", (value("foreground.WITHIN"),)),
     ],
     "results_schema.md": [
+        ("the forearm in {} slices", (SLICES["iiwa_link_5"],)),
+        ("no grasp within reach for {:g} s", (value("next_best_view.WAITS"),)),
+        ("{:g} % of the grasps fail", (percent("status.SHARED"),)),
+        ("accepted after {:g} s |", (value("pose_filter._JUMP_FOR"),)),
         (
             "more than {:g} mm or {:.0f}° in the hand",
             (mm("status.SLIPPED"), degrees("status.TURNED")),
@@ -296,20 +360,56 @@ STATEMENTS = {
         ("velocities over {:g} ms", (mm("motion_limits.WINDOW"),)),
     ],
     "developing.md": [
+        (
+            "{:g} to {:g} m/s; {:g} to {:g} rad/s",
+            (SPEEDS[0], SPEEDS[-1], SPINS[0], SPINS[-1]),
+        ),
+        ("seeds from {}", (FIRST_TEST_SEED,)),
+        (
+            "{} families of closed solids, 2 to 26 cm; {} families",
+            (len(FAMILIES), len(HELD_OUT)),
+        ),
+        ("fewer than {} points are not run", (GRASPABLE,)),
+        (
+            "| `hard` | {:g} | uniform | twice | the same, with a hand error of {:g} mm and {:.0f}"
+            "°",
+            (
+                HARD.object.friction,
+                1e3 * HARD.execution.position_error,
+                np.rad2deg(HARD.execution.angle_error),
+            ),
+        ),
+        ("| `paper` | {:g} | one | {:g} kg |", (OLD.object.friction, OLD.object.mass)),
+        (
+            "motion capture with {:g} mm, {:.0f}°, {:g} ms",
+            (
+                1e3 * CAPTURE.tracker.position_noise,
+                np.rad2deg(CAPTURE.tracker.rotation_noise),
+                1e3 * CAPTURE.tracker.latency,
+            ),
+        ),
         ("or {:g} s passed", (SCENARIO.simulation_duration,)),
         ("{} generated shapes of families", (TEST_OBJECTS,)),
     ],
     "limitations.md": [("After a gap of more than {:g} s", (value("tracker._LONG_GAP"),))],
     "README.md": [
-        ("within {:g} cm and {:.0f}° of its place", (
-            100 * value("handling.HELD_DISTANCE"), degrees("handling.HELD_ANGLE"),
-        )),
+        (
+            "within {:g} cm and {:.0f}° of its place",
+            (
+                100 * value("handling.HELD_DISTANCE"),
+                degrees("handling.HELD_ANGLE"),
+            ),
+        ),
         ("holds it for {:g} s", (value("handling.HELD_FOR"),)),
-        ("friction is {:g}, and grasps arrive {:g} s after", (
-            SCENARIO.object.friction, SCENARIO.perception.latency,
-        )),
+        (
+            "friction is {:g}, and grasps arrive {:g} s after",
+            (
+                SCENARIO.object.friction,
+                SCENARIO.perception.latency,
+            ),
+        ),
     ],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("page", STATEMENTS)
@@ -318,3 +418,19 @@ def test_the_numbers_of_a_page_are_those_of_the_code(page):
     text = re.sub(r"\s+", " ", file.read_text())
     written = [statement.format(*values) for statement, values in STATEMENTS[page]]
     assert [each for each in written if each not in text] == []
+
+
+def test_values_of_injected_faults_are_their_defaults():
+    """The rows ``| `!Tag` | fault | `key: value` [unit] |`` of the page on faults."""
+    text = (REPOSITORY / "docs" / "safety.md").read_text()
+    rows = re.findall(r"^\| (`!\w+`.*?) \|.*\| (.*?) \|$", text, flags=re.MULTILINE)
+    checked = 0
+    for names, values in rows:
+        made = [getattr(faults, tag)() for tag in re.findall(r"`!(\w+)`", names)]
+        for each in re.findall(r"`(\w+: [^`]+)`", values):
+            ((key, default),) = yaml.safe_load(each).items()
+            expected = float(default) if isinstance(default, str) else default  # 1e6
+            found = [getattr(fault, key) for fault in made if hasattr(fault, key)]
+            assert found and all(x == pytest.approx(expected) for x in found), (names, key)
+            checked += 1
+    assert checked >= 20
