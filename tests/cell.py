@@ -17,7 +17,8 @@ HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
 
 def scenario(*, cameras=False, mode="safe", model="mug"):
     """A cell with an ideal camera, if any."""
-    text = f"{{object: {{model: {model}}}, control: {{mode: {mode}}}, camera_noise: {{}}}}"
+    ideal = "camera_noise: {}, sensors: {error_factor: 0}"
+    text = f"{{object: {{model: {model}}}, control: {{mode: {mode}}}, {ideal}}}"
     result = load_scenario(FILE, "ReachCircularMocap", text)
     if not cameras:
         result.cameras = {}

@@ -10,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp import Result
-from feasigrasp.models.clouds import DepthNoise, FusedCloud
+from feasigrasp.models.clouds import FusedCloud
 from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.control import (
@@ -32,6 +32,7 @@ from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.reach import Reachability
 from feasigrasp.models.robot import IIWA_7, ParallelGripper
+from feasigrasp.models.sensors import DepthNoise
 from feasigrasp.models.shape import complete_shape, fit_gpdf, fit_scene
 from feasigrasp.models.tracking import Camera, FieldTrack, ObjectView, SequenceTracker
 from feasigrasp.recordings import CameraInfo, DepthFrame, read_depth_folder, recorded

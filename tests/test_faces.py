@@ -13,7 +13,8 @@ PROMISED = {
     "feasigrasp": "Result load_scenario make_dynamic_grasp run perceive read_cloud complete_shape "
     "filter_grasps Reachability SafetyFilter load_object",
     "feasigrasp.models.shape": "Gpdf CompletedField fit_gpdf complete_shape SceneField fit_scene",
-    "feasigrasp.models.clouds": "FusedCloud read_cloud prepare_cloud DepthNoise",
+    "feasigrasp.models.clouds": "FusedCloud read_cloud prepare_cloud",
+    "feasigrasp.models.sensors": "DepthNoise CameraErrors Material",
     "feasigrasp.models.grasps": "GraspSet perceive make_sampler AntipodalSampler NetworkSampler "
     "filter_grasps",
     "feasigrasp.models.mixtures": "RiemannianMixture fit_riemannian_mixture fit_best_mixture",

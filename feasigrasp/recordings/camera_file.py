@@ -18,8 +18,7 @@ from pathlib import Path
 from feasigrasp.errors import CameraError, InputError
 from feasigrasp.inputs import read_json
 from feasigrasp.models.arguments import check_fields, checked
-from feasigrasp.models.clouds.camera import Camera
-from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.camera import BASELINE, Camera, stereo_deviation
 from feasigrasp.models.quantities import Count, NotNegative, Positive
 
 
@@ -40,7 +39,7 @@ class CameraInfo:
     unit: Positive = 1e-3
     size: tuple[Count, Count] | None = None
     near: NotNegative = 0.1
-    baseline: Positive = DepthNoise.baseline
+    baseline: Positive = BASELINE
     source: str = "the camera"
 
     def __post_init__(self) -> None:
@@ -80,7 +79,7 @@ class CameraInfo:
                 f"{given} are no intrinsics of {width} x {height} pixels; give those of this "
                 "image size, in pixels"
             )
-        noise = DepthNoise(baseline=self.baseline).axial(fx)
+        noise = stereo_deviation(fx, self.baseline)
         return Camera(self.intrinsics, width, height, self.near, noise)
 
     def to_json(self) -> str:

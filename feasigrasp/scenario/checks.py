@@ -12,11 +12,11 @@ import numpy as np
 
 from feasigrasp.errors import CameraError, GraspError, ScenarioError
 from feasigrasp.models.choices import ControlSpace, Span, metadata_of, nearest
-from feasigrasp.models.clouds.depth_noise import DepthNoise
-from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.robot.gripper import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.sensors.depth_noise import DepthNoise
+from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.plugins import plugins
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.drake_keys import SPANS, WORDS
@@ -73,10 +73,10 @@ def check_scenario(scenario: Scenario) -> None:
     _check_law(scenario)
     _check_standoff(scenario)
     phase = getattr(scenario.motion, "start_phase", 0.0)
-    if not isinstance(phase, float | int) and phase.min > phase.max:
-        raise ScenarioError(
-            f"motion.start_phase has min {phase.min} above max {phase.max}; swap them"
-        )
+    ranges = {"motion.start_phase": phase, "object.friction": scenario.object.friction}
+    for name, drawn in ranges.items():
+        if not isinstance(drawn, float | int) and drawn.min > drawn.max:
+            raise ScenarioError(f"{name} has min {drawn.min} above max {drawn.max}; swap them")
 
 
 def _check_gripper(scenario: Scenario) -> None:

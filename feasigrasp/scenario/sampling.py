@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 from pydrake.common import RandomGenerator
-from pydrake.common.schema import Sample, Transform
+from pydrake.common.schema import Sample, Transform, Uniform
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.clouds.depth_noise import DepthNoise
-from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.faults.object import altered
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.distractor_bodies import (
@@ -25,22 +23,27 @@ from feasigrasp.models.objects.distractor_bodies import (
 from feasigrasp.models.objects.motion import BezierMotion, HarmonicMotion, ObjectMotion, bezier_legs
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
+from feasigrasp.models.sensors.depth_noise import DepthNoise
+from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.parts import Part, make_named
 from feasigrasp.scenario.schema import BezierPath, Scenario
 
-#: Streams of numbers that are drawn from the seed: where the object is, how the hand errs.
-_PLACE, _HAND = 1, 3
+#: Streams of numbers that are drawn from the seed: where the object is, how the hand errs, how
+#: slippery the object is.
+_PLACE, _HAND, _FRICTION = 1, 3, 4
 
 
 def make_camera_noise(scenario: Scenario) -> dict[str, DepthNoise]:
     """The errors of the scenario's depth cameras, by camera; none for a camera that sees truly."""
-    return {name: camera_errors(x)[0] for name, x in scenario.camera_noise.items()}
+    factor = scenario.sensors.error_factor
+    return {n: camera_errors(x)[0].scaled(factor) for n, x in scenario.camera_noise.items()}
 
 
 def make_hand_eye(scenario: Scenario) -> dict[str, HandEyeError]:
     """Hand-eye calibration errors by camera."""
-    errors = {name: camera_errors(x)[1] for name, x in scenario.camera_noise.items()}
+    factor = scenario.sensors.error_factor
+    errors = {n: camera_errors(x)[1].scaled(factor) for n, x in scenario.camera_noise.items()}
     return {name: error for name, error in errors.items() if error != HandEyeError()}
 
 
@@ -60,8 +63,18 @@ def load_scenario_object(scenario: Scenario) -> RigidObject:
     """The object that a scenario names, built-in or from a mesh file."""
     config = scenario.object
     obj = load_object(config.model, scale=config.scale, mass=config.mass)
-    factor = config.mass_factor
-    return dataclasses.replace(obj, mass=factor * obj.mass, inertia=factor * obj.inertia)
+    factor, material = config.mass_factor, config.material or obj.material
+    mass, inertia = factor * obj.mass, factor * obj.inertia
+    return dataclasses.replace(obj, mass=mass, inertia=inertia, material=material)
+
+
+def make_friction(scenario: Scenario) -> float:
+    """Coulomb friction between gripper and object; a range is drawn from the seed."""
+    friction = scenario.object.friction
+    if isinstance(friction, Uniform):
+        rng = np.random.default_rng([scenario.random_seed, _FRICTION])
+        return float(rng.uniform(friction.min, friction.max))
+    return float(friction)
 
 
 def make_static_obstacles(scenario: Scenario) -> list[StaticObstacle]:

@@ -35,6 +35,8 @@ from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.robot.gripper import PACKAGED
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.sensors.camera_errors import MATERIALS
+from feasigrasp.models.sensors.joint_errors import JointErrors
 from feasigrasp.models.shape.completion import DEFAULT, field_names
 from feasigrasp.plugins import plugins
 from feasigrasp.scenario.cell import CellConfig
@@ -60,7 +62,10 @@ class ObjectConfig:
         scale: Factor from the mesh's unit to metres.
         mass: Mass [kg]; from the object's data or its volume if not given.
         mass_factor: The object is this many times as heavy.
-        friction: Coulomb friction between it and the gripper.
+        friction: Coulomb friction between it and the gripper; ``!Uniform`` draws it from the seed.
+            Estimates have a constant of their own.
+        material: What a stereo camera loses of it, one of `MATERIALS`; empty for that of the
+            object's data.
         rotation: Orientation at the start; ``!Uniform {}`` draws it from the seed.
     """
 
@@ -68,7 +73,8 @@ class ObjectConfig:
     scale: float = key(1.0, 1e-06, 1000000.0)
     mass: float | None = key(None, 0.001, 20.0, "kg")
     mass_factor: float = key(1.0, 0.01, 100.0)
-    friction: float = key(0.6, 0.01, 100.0)
+    friction: typing.Union[float, Uniform] = key(0.6, 0.01, 100.0)  # noqa: UP007 - see below
+    material: str = word("", ("", *MATERIALS))
     rotation: typing.Union[  # noqa: UP007 - the form of Drake's own schema
         Rotation.Identity, Rotation.Rpy, Rotation.AngleAxis, Rotation.Uniform
     ] = dc.field(default_factory=Rotation.Identity)
@@ -186,6 +192,21 @@ class PerceptionConfig:
     sampler: str = word(SamplerName.NETWORK, sampler_names())
     n_candidates: int = key(800, 1, 100000)
     n_grasps: int = key(192, 1, 10000)
+
+
+@dc.dataclass
+class SensorsConfig:
+    """The errors of simulated sensors.
+
+    Attributes:
+        error_factor: They are this many times as large as published, those of cameras
+            (``camera_noise``) and of joints alike; estimators' constants are not. With 0 steps and
+            edges of images are left.
+        joints: Encoders and external torques of the arm.
+    """
+
+    error_factor: float = key(1.0, 0.0, 10.0)
+    joints: JointErrors = dc.field(default_factory=JointErrors)
 
 
 @dc.dataclass
@@ -324,6 +345,7 @@ class Scenario:
             a RealSense D435, entries as in `DepthNoise` change them, and those of `HandEyeError`
             move the camera from its calibrated pose. A camera not named has no errors,
             and ``{}`` takes away those of a scenario that it is applied to.
+        sensors: Size of the errors of all simulated sensors.
         q_start: Joint positions at the start [deg].
         object: The object.
         motion: How it moves; ``!BezierPath {speed: 0.15}`` for one that stops and turns.
@@ -351,6 +373,7 @@ class Scenario:
     gripper: str = PACKAGED
     cameras: dict[str, CameraConfig] = dc.field(default_factory=dict)
     camera_noise: dict[str, dict[str, float]] = dc.field(default_factory=dict)
+    sensors: SensorsConfig = dc.field(default_factory=SensorsConfig)
     q_start: list[float] = key([0.0] * IIWA_7.joints, *_JOINTS)
     object: ObjectConfig = dc.field(default_factory=ObjectConfig)
     motion: typing.Union[MotionConfig, BezierPath] = dc.field(  # noqa: UP007 - see above

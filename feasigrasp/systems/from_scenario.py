@@ -10,8 +10,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.clouds.camera import Camera
-from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.camera import BASELINE, Camera, stereo_deviation
 from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
@@ -27,6 +26,7 @@ from feasigrasp.scenario.sampling import (
     load_scenario_object,
     make_camera_noise,
     make_distractor_bodies,
+    make_friction,
     make_hand_error,
     make_hand_eye,
     make_motion,
@@ -77,9 +77,10 @@ def station_config(scenario: Scenario) -> StationConfig:
         cameras=scenario.cameras,
         camera_noise=make_camera_noise(scenario),
         hand_eye=make_hand_eye(scenario),
+        joint_errors=scenario.sensors.joints.scaled(scenario.sensors.error_factor),
         noise_seed=scenario.random_seed,
         q_start=np.deg2rad(scenario.q_start),
-        friction=scenario.object.friction,
+        friction=make_friction(scenario),
         enforce_constraints=safe,
         touch_object=safe or scenario.grasp.close,
         carrier=scenario.carrier.hold,
@@ -92,14 +93,15 @@ def make_foreground_segmentation(
 ) -> LeafSystem:
     """The segmentation of a camera's images, by default of perception's.
 
-    It is by ``mask``, by the mask that the scenario names, or else by depth.
+    It is by ``mask``, by the mask that the scenario names, or else by depth. Of the cell it is
+    given the table and the section ``cell`` alone: what else stands there it has to see.
 
     Raises:
         ScenarioError: The mask that the scenario names cannot be made.
     """
-    # A perfect camera's pixels are separated no more finely than those of a real one.
-    camera = make_camera(scenario, name, without_noise=DepthNoise())
-    bodies = ModeledBodies(gripper, cell_boxes(station_config(scenario)))
+    camera = make_camera(scenario, name)
+    stated = ["table", *scenario.cell.boxes, *scenario.cell.meshes]
+    bodies = ModeledBodies(gripper, cell_boxes(station_config(scenario), stated))
     own = scenario.parts.get(Part.SEGMENTATION)
     if own is not None and mask is None:
         mask = make_named(Part.SEGMENTATION, own, camera)
@@ -143,25 +145,22 @@ def make_view_filter(scenario: Scenario, gripper: ParallelGripper) -> ViewFilter
     return ViewFilter(gripper, make_camera(scenario), scenario.grasp.standoff)
 
 
-def make_camera(
-    scenario: Scenario, name: str = "", *, without_noise: DepthNoise | None = None
-) -> Camera:
-    """A camera, by default perception's.
+def make_camera(scenario: Scenario, name: str = "") -> Camera:
+    """A camera as estimators take it, by default perception's.
 
-    Args:
-        scenario: The scenario.
-        name: Its name.
-        without_noise: What is reckoned with where it makes no errors.
+    Its noise is `stereo_deviation`, whatever errors the simulated camera makes; both have the same
+    baseline.
     """
     name = name or scenario.perception.camera
-    config, noise = scenario.cameras[name], make_camera_noise(scenario).get(name, without_noise)
+    config = scenario.cameras[name]
+    baseline = scenario.camera_noise.get(name, {}).get("baseline", BASELINE)
     info = pixel_centred_intrinsics(config)
     return Camera(
         (info.focal_x(), info.focal_y(), info.center_x(), info.center_y()),
         info.width(),
         info.height(),
         config.z_near,
-        0.0 if noise is None else noise.axial(info.focal_x()),
+        stereo_deviation(info.focal_x(), baseline),
     )
 
 

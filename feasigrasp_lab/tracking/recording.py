@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.clouds.camera import Camera, unproject
-from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.camera import Camera, stereo_deviation, unproject
 from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.sensors.camera_errors import MATERIALS, CameraErrors
+from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
@@ -47,9 +49,7 @@ class Sensor:
 #: second has the errors of the Reach scenarios' camera, but for its calibration.
 SENSORS = {
     "d435": Sensor(DepthNoise(), 0.105),
-    "d405": Sensor(
-        DepthNoise(baseline=0.018, correlation=1.0, motion_blur=1.0, dropped=0.02), 0.07
-    ),
+    "d405": Sensor(DepthNoise(baseline=0.018, motion_blur=1.0, dropped=0.02), 0.07),
 }
 
 
@@ -65,13 +65,18 @@ def images(
         hidden: From when to when something hides the object [s].
     """
     h, w = recording.depths.shape[1:]
-    fx, fy, cx, cy = recording.intrinsics
-    camera = Camera((fx, fy, cx, cy), w, h, sensor.near, sensor.noise.axial(fx))
+    fx, fy, cx, cy = recording.intrinsics.tolist()
+    deviation = stereo_deviation(fx, sensor.noise.baseline)
+    camera = Camera((fx, fy, cx, cy), w, h, sensor.near, deviation)
+    errors = CameraErrors(sensor.noise, seed, (h, w))
     for k, X_WC in enumerate(recording.X_WC):
         depth = recording.depth(k)
         depth[depth < sensor.near] = 0.0
         rng = np.random.default_rng([seed, k])
-        depth = sensor.noise.apply(depth, recording.intrinsics, rng, near=sensor.near, far=3.0)
+        poses = X_WC, se3.inverse(recording.X_WO[k]) @ X_WC
+        fixed = errors.fixed(depth, camera.intrinsics, poses, recording.masks[k], MATERIALS["matt"])
+        limits = {"near": sensor.near, "far": 3.0}
+        depth = sensor.noise.apply(depth, recording.intrinsics, rng, **limits, fixed=fixed)
         if hidden[0] < recording.times[k] < hidden[1]:
             depth[:] = 0.0
         seen = np.isfinite(depth) & (depth > 0.0)
@@ -130,7 +135,7 @@ def record(scenario: str, changes: Sequence[str], duration: float) -> Recording:
         duration: Longest time [s]; it ends earlier when the object was let go.
     """
     camera = f"{{cameras: {{wrist_camera: {{z_near: {_NEAR}, clipping_near: 0.02}}}}}}"
-    ideal = camera, "{camera_noise: {}}"
+    ideal = camera, "{camera_noise: {}, sensors: {error_factor: 0}}"
     loaded = load_scenario(diagram_path("dynamic.scenarios.yaml"), scenario, *changes, *ideal)
     diagram = make_dynamic_grasp(loaded)
     station, sequencer = (diagram.GetSubsystemByName(n) for n in ("station", "sequencer"))

@@ -15,9 +15,9 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.recordings.camera_file import CameraInfo
 from feasigrasp.resources import model_path
 from feasigrasp_lab.training.data.raycasting import Raycaster
@@ -66,7 +66,7 @@ def write_capture(folder: Path) -> None:
     starts = np.broadcast_to(X_WC[:3, 3], rays_C.shape)
     depth, face = Raycaster(scene.vertices, scene.faces).cast(starts, rays_C @ X_WC[:3, :3].T)
     hit, of_mug = np.isfinite(depth), face < len(body.faces)
-    noise = DepthNoise(baseline=BASELINE, correlation=1.0)
+    noise = DepthNoise(baseline=BASELINE)
     measured = noise.apply(
         depth.reshape(HEIGHT, WIDTH), info.intrinsics, np.random.default_rng(0), near=NEAR, far=FAR
     )

@@ -37,6 +37,7 @@ def write_objects(folder: Path) -> None:
                 "density_kgm3": round(item.mass / float(written.volume), 1),
                 "extents_m": [round(float(e), 4) for e in written.extents],
                 "color": [*item.color, 1.0],
+                **({} if item.material == "matt" else {"material": item.material}),
                 "description": item.description,
             }
         )

@@ -12,9 +12,9 @@ from pydrake.multibody.parsing import ModelDirective
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.choices import metadata_of
-from feasigrasp.models.clouds.depth_noise import DepthNoise
-from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.sensors.depth_noise import DepthNoise
+from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario, numbers, words
 from feasigrasp.scenario.drake_keys import SPANS

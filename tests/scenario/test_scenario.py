@@ -7,16 +7,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario, scenario_names
 from feasigrasp.scenario.sampling import (
     load_scenario_object,
     make_camera_noise,
+    make_friction,
     make_hand_eye,
     make_motion,
 )
-from feasigrasp.scenario.schema import Scenario
+from feasigrasp.scenario.schema import Scenario, SensorsConfig
+from feasigrasp.systems.from_scenario import make_camera, station_config
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 NAMES = (
@@ -112,7 +114,6 @@ def test_reach_motions_are_in_front_of_the_arm(seed):
         period = [motion.pose(t)[:3, 3] for t in np.linspace(0.0, 10.0, 2001)]
         p[name] = np.array(period) - [0.5, 0.0, 0.55]
         np.testing.assert_allclose(period[0], period[-1], atol=1e-12)
-        assert scenario.object.friction == 0.6
 
     circle, line, sine = (p[name] for name in NAMES[:3])
     np.testing.assert_allclose(np.hypot(circle[:, 0], circle[:, 1]), 0.12)
@@ -170,15 +171,42 @@ def test_every_default_is_written():
 
 @pytest.mark.parametrize("name", scenario_names(FILE))
 def test_the_conditions_are_those_of_a_real_cell(name):
-    """A camera's errors, friction 0.6 and a tenth of a second from a view to its grasps."""
+    """Errors of camera and joints, friction about 0.6, a tenth of a second from view to grasps."""
     scenario = load_scenario(FILE, name)
     noise = make_camera_noise(scenario)["wrist_camera"]
     if scenario.tracker.kind == "camera":
         assert noise.baseline == 0.018
     else:
         assert noise == DepthNoise()
-    assert scenario.object.friction == 0.6
+    assert 0.5 <= make_friction(scenario) <= 0.7
+    assert scenario.sensors == SensorsConfig()
     assert scenario.perception.latency == 0.1
+
+
+def test_friction_is_drawn_from_the_seed():
+    drawn = [
+        make_friction(load_scenario(FILE, "ReachLinear", f"{{random_seed: {seed}}}"))
+        for seed in (0, 1, 2, 2)
+    ]
+    assert len(set(drawn)) == 3 and drawn[2] == drawn[3]
+    fixed = load_scenario(FILE, "ReachLinear", "{object: {friction: 0.3}}")
+    assert make_friction(fixed) == 0.3
+
+
+def test_the_error_factor_scales_the_simulated_sensors_and_no_estimator():
+    one, two = (
+        load_scenario(FILE, "ReachLinear", f"{{sensors: {{error_factor: {factor}}}}}")
+        for factor in (1, 2)
+    )
+    noise = [make_camera_noise(scenario)["wrist_camera"] for scenario in (one, two)]
+    assert noise[1].subpixel == 2 * noise[0].subpixel and noise[1].bias == 2 * noise[0].bias
+    hand_eye = [make_hand_eye(scenario)["wrist_camera"] for scenario in (one, two)]
+    assert hand_eye[1].hand_eye_position == 2 * hand_eye[0].hand_eye_position
+    joints = [station_config(scenario).joint_errors for scenario in (one, two)]
+    assert joints[1].torque_accuracy == 2 * joints[0].torque_accuracy == 0.04
+    assert vars(make_camera(one)) == vars(make_camera(two))  # what estimators take it for
+    other = load_scenario(FILE, "ReachLinear", "{camera_noise: {wrist_camera: {subpixel: 0.3}}}")
+    assert make_camera(other).depth_noise == make_camera(one).depth_noise
 
 
 def test_by_default_there_is_nothing_but_a_camera_as_a_d405():

@@ -11,9 +11,13 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import CameraError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
-from feasigrasp.models.quantities import CLOUD, ArrayOf, Count, NotNegative
+from feasigrasp.models.quantities import CLOUD, ArrayOf, Count, NotNegative, Positive
 
 _PIXELS = ArrayOf(("n",), "px")
+#: What estimators take a stereo camera for: error of its disparities [px] (Intel, "Best-known
+#: methods for tuning the D400 series"), and the distance of its imagers by default that of
+#: a RealSense D435 [m].
+SUBPIXEL, BASELINE = 0.08, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +74,20 @@ class Camera(Frozen):
         u, v = self.pixels(points_C)
         across = np.minimum(u, self.width - 1 - u)
         return np.asarray(np.minimum(across, np.minimum(v, self.height - 1 - v)))
+
+
+@checked(CameraError)
+def stereo_deviation(focal_length: Positive, baseline: Positive = BASELINE) -> float:
+    """Coefficient of z^2 in the standard deviation of a stereo camera's depth z [1/m].
+
+    Args:
+        focal_length: f [px].
+        baseline: Distance B of the imagers [m].
+
+    Returns:
+        ``s / (f B)`` with the error s of disparities, `SUBPIXEL`.
+    """
+    return SUBPIXEL / (focal_length * baseline)
 
 
 def project(points_C: Array, intrinsics: tuple[float, float, float, float]) -> tuple[Array, Array]:

@@ -129,10 +129,12 @@ def moment_limits(y: Array, z: Array, force: Array) -> Array:
     return np.asarray((force * arms).sum(axis=-1).T)
 
 
-#: Friction of rubber on household surfaces; and the share of the moments of its patches that pads
-#: are trusted with. It is a choice: but for boxes, patches are smaller than they look on a
-#: completed surface, not quite opposite each other, and what they press beside takes friction.
-FRICTION, MOMENT_SHARE = 0.6, 0.35
+#: Friction of rubber on household surfaces, and the share of the nominal force of a hand, that
+#: estimates reckon with: the low ends of what is found (scenarios draw friction from 0.5 to 0.7),
+#: choices. The share of the moments of its patches that pads are trusted with is one too: but for
+#: boxes, patches are smaller than they look on a completed surface, not quite opposite each other,
+#: and what they press beside takes friction.
+FRICTION, FORCE_SHARE, MOMENT_SHARE = 0.5, 0.9, 0.35
 #: A grasp is sure to carry if it is so likely. Objects are there to be carried: one that seems too
 #: heavy for all grasps is taken to be so light that the best one carries it with ``BEST``.
 LEAST_PROBABILITY, BEST = 0.7, 0.76
@@ -170,8 +172,8 @@ class PayloadModel:
             R_OG=grasps.X_OG[:, :3, :3],
             lever=body.p_OC - grip.p_OP,
             body=body,
-            force=np.full(len(grasps), FRICTION * grip.force),
-            moment=MOMENT_SHARE * grip.moment * [FRICTION, 1.0, 1.0],
+            force=np.full(len(grasps), FRICTION * FORCE_SHARE * grip.force),
+            moment=MOMENT_SHARE * FORCE_SHARE * grip.moment * [FRICTION, 1.0, 1.0],
         )
         return replace(grasps, load=load)
 

@@ -49,6 +49,7 @@ class RigidObject(Frozen):
         p_MO: Centre of mass in the (scaled) mesh frame M, shape (3,) [m].
         inertia: Rotational inertia about the centre of mass, in O, shape (3, 3) [kg m^2].
         color: Red, green, blue, alpha in [0, 1].
+        material: How its surface looks to a stereo camera: matt, dark, shiny or transparent.
         notes: What the loader had to repair or could not do, one sentence each.
     """
 
@@ -59,12 +60,13 @@ class RigidObject(Frozen):
     p_MO: Annotated[Array, POINT]
     inertia: Annotated[Array, ArrayOf((3, 3), "kg m^2")]
     color: tuple[float, float, float, float] = _DEFAULT_COLOR
+    material: str = "matt"
     notes: tuple[str, ...] = ()
 
     @classmethod
     @checked(MeshError)
     def of_mesh(cls, name: str, mesh: trimesh.Trimesh, mass: Positive, **about: Any) -> RigidObject:
-        """A closed mesh [m] of uniform density; ``about`` is its color and notes."""
+        """A closed mesh [m] of uniform density; ``about`` is its color, material and notes."""
         unit = mesh.mass_properties  # of density 1
         p_MO = np.asarray(unit.center_mass)
         inertia = np.asarray(unit.inertia) * mass / float(unit.volume)
@@ -149,6 +151,7 @@ def load_object(
         mesh,
         mass if mass is not None else (density or DEFAULT_DENSITY) * float(mesh.volume),
         color=tuple(entry.get("color", _DEFAULT_COLOR)),
+        material=str(entry.get("material", RigidObject.material)),
         notes=notes,
     )
 

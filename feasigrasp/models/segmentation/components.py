@@ -25,7 +25,9 @@ MIN_PIXELS = 30
 #: Components nearer to each other than this are of one body [m]: the two sides of a bowl, between
 #: which pixels were lost or fly, are.
 JOINED = 0.045
-#: Largest difference of neighbouring pixels on one surface, in standard deviations.
+#: Nothing longer is an object to be grasped [m]: the longest built-in and YCB objects have 0.3 m.
+LARGEST = 0.4
+#: Points of neighbouring pixels on one surface differ by so many standard deviations at most.
 _JUMP_SIGMAS = 4.0
 #: Points of each component that are looked at, at most.
 _SAMPLE = 400
@@ -50,18 +52,24 @@ class Components(NamedTuple):
         among[np.asarray(chosen, dtype=np.int64)] = True
         return np.asarray(among[self.number])
 
+    def graspable(self) -> Indices:
+        """The components that are no longer than `LARGEST`: others are of the surroundings."""
+        lengths = [np.linalg.norm(np.ptp(sample, axis=0)) for sample in self.samples]
+        return np.flatnonzero(np.array(lengths) <= LARGEST)
+
     def groups(self) -> list[Indices]:
-        """The components of each body, by `JOINED`."""
-        count = len(self.pixels)
+        """The components of each body that may be an object, by `JOINED`."""
+        some = self.graspable()
+        count = len(some)
         if count < 2:
-            return [np.arange(count)] if count else []
+            return [some] if count else []
         links = np.zeros((count, count), dtype=bool)
-        trees = [cKDTree(sample) for sample in self.samples]
+        trees = [cKDTree(self.samples[k]) for k in some]
         for k, tree in enumerate(trees):
             for j in range(k):
                 links[k, j] = tree.count_neighbors(trees[j], JOINED) > 0
         _, group = connected_components(csr_matrix(links), directed=False)
-        return [np.flatnonzero(group == g) for g in range(group.max() + 1)]
+        return [some[group == g] for g in range(group.max() + 1)]
 
 
 def find_components(points: Floats, chosen: Mask, p_WC: Array, camera: Camera) -> Components:

@@ -4,7 +4,8 @@
    (`feasigrasp.models.segmentation.modeled_bodies`), nor is what carries it, if that has a known
    colour (`feasigrasp.models.segmentation.modeled_bodies`).
 2. What is left is cut into components, `components`; pixels that belong to none (those that fly
-   between two surfaces, above all) show nothing clear.
+   between two surfaces, above all) show nothing clear. What is too large to be grasped, such as a
+   wall, is of the surroundings.
 3. With a field of the object, the components are kept that agree with it at the predicted pose.
 4. Without one, or when the object was lost, the components are grouped to bodies. A box that
    somebody drew decides which is the object; else there may be one only; else those that move,
@@ -243,6 +244,8 @@ def segment(
     labels[(kinds == CELL) | (kinds == UNOBSERVED)] = Label.SURROUNDINGS
     labels[kinds == ROBOT] = Label.ROBOT
     labels[kinds == CARRIER] = Label.CARRIER
+    graspable = components.graspable()
+    labels[(components.number >= 0) & ~components.mask(graspable)] = Label.SURROUNDINGS
     followed = _followed(components, view, known)
     if followed is None:
         group = _chosen(components, known, p_WH, camera)

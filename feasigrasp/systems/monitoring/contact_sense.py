@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from feasigrasp.models.control.planning.touch import TOUCH_STATE, touch_step_kernel
+from feasigrasp.models.control.planning.touch import TOUCH_STATE, TOUCHES, touch_step_kernel
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.ports import weakly
@@ -50,8 +50,8 @@ class ContactSense(LeafSystem):
     def _update(self, context: Context, discrete) -> EventStatus:
         state = context.get_discrete_state_vector().value()
         if self._phase.Eval(context)[0] != Phase.APPROACH:
-            after = np.zeros(TOUCH_STATE)
-            after[-1] = state[-1]
+            after = state.copy()
+            after[:TOUCHES] = 0.0
         else:
             after = self._update_state(state, self._torque.Eval(context))
         discrete.set_value(after)
@@ -62,4 +62,4 @@ class ContactSense(LeafSystem):
         output.SetFromVector(state[IIWA_7.joints : 2 * IIWA_7.joints])
 
     def _calc_touches(self, context: Context, output) -> None:
-        output.SetAtIndex(0, context.get_discrete_state_vector().value()[-1])
+        output.SetAtIndex(0, context.get_discrete_state_vector().value()[TOUCHES])

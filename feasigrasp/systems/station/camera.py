@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import SceneGraph
@@ -9,18 +11,22 @@ from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.perception import DepthImageToPointCloud
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.sensors import (
     ApplyCameraConfig,
     CameraConfig,
     CameraInfo,
     ImageDepth32F,
+    ImageLabel16I,
     PixelType,
 )
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.clouds.depth_noise import DepthNoise
-from feasigrasp.models.clouds.hand_eye import HandEyeError
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.sensors.camera_errors import MATERIALS, CameraErrors
+from feasigrasp.models.sensors.depth_noise import DepthNoise
+from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.systems.ports import declare_input, declare_output, weakly
 
 
@@ -32,12 +38,16 @@ class NoisyDepth(LeafSystem):
         name: NoisyDepth
         input_ports:
         - depth_image
+        - label_image
+        - camera_pose
+        - object_pose
         output_ports:
         - depth_image
 
-    Both are ``ImageDepth32F`` [m]; a pixel without depth is infinite, one that is too near 0. The
-    errors depend on the seed and the time only, so an image that is read twice is the same twice,
-    and a run repeats.
+    The depth images are ``ImageDepth32F`` [m]; a pixel without depth is infinite, one that is too
+    near 0. Label image and poses, X_WC and X_WO, are the true ones of the same instant. The errors
+    depend on the seed, the time and the inputs only, so an image that is read twice is the same
+    twice, and a run repeats.
     """
 
     def __init__(
@@ -48,6 +58,8 @@ class NoisyDepth(LeafSystem):
         *,
         near: float = 0.0,
         far: float = np.inf,
+        object_label: int = -1,
+        material: str = "matt",
     ) -> None:
         """The errors of one camera; cameras with the same seed err alike.
 
@@ -57,20 +69,43 @@ class NoisyDepth(LeafSystem):
             seed: Seed of the errors.
             near: Least depth that the camera measures [m].
             far: Largest depth that it measures [m].
+            object_label: Label of the object's pixels.
+            material: Of the object, one of `MATERIALS`.
         """
         super().__init__()
         self._noise, self._seed = noise, seed
         self._near, self._far = near, far
+        self._errors = CameraErrors(noise, seed, (info.height(), info.width()))
+        self._label, self._material = object_label, MATERIALS[material]
         self._intrinsics = (info.focal_x(), info.focal_y(), info.center_x(), info.center_y())
         image = AbstractValue.Make(ImageDepth32F(info.width(), info.height()))
         self._input = self.DeclareAbstractInputPort("depth_image", image)
+        self._labels = declare_input(self, "label_image", ImageLabel16I(1, 1))
+        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
+        self._object_pose = declare_input(self, "object_pose", RigidTransform())
         self.DeclareAbstractOutputPort("depth_image", image.Clone, weakly(self._calc))
 
     def _calc(self, context: Context, output) -> None:
         depth = self._input.Eval(context).data[:, :, 0]
         rng = np.random.default_rng([self._seed, round(1e6 * context.get_time())])
-        noisy = self._noise.apply(depth, self._intrinsics, rng, near=self._near, far=self._far)
+        X_WC, X_WO = self._camera_pose.Eval(context), self._object_pose.Eval(context)
+        fixed = self._errors.fixed(
+            depth,
+            self._intrinsics,
+            (X_WC.GetAsMatrix4(), (X_WO.inverse() @ X_WC).GetAsMatrix4()),
+            self._labels.Eval(context).data[:, :, 0] == self._label,
+            self._material,
+        )
+        limits = {"near": self._near, "far": self._far}
+        noisy = self._noise.apply(depth, self._intrinsics, rng, **limits, fixed=fixed)
         output.get_mutable_value().mutable_data[:, :, 0] = noisy
+
+
+class MeasuredArm(NamedTuple):
+    """The arm that a camera is on: port of its true positions V7, and the zeros of its encoders."""
+
+    position: OutputPort
+    zero: Array
 
 
 class CalibratedPose(LeafSystem):
@@ -81,21 +116,42 @@ class CalibratedPose(LeafSystem):
         name: CalibratedPose
         input_ports:
         - true_pose
+        - position
         output_ports:
         - pose
 
-    Both are ``RigidTransform``, X_WC and X_WB.
+    The poses are ``RigidTransform``, X_WC and X_WB. ``position`` V7, the true joint positions
+    [rad], is for a camera on the arm: its pose is computed from encoders with zeros that err.
     """
 
-    def __init__(self, X_CB: Array) -> None:
-        """A camera with the calibrated pose ``X_CB`` (4, 4) in its own true frame."""
+    def __init__(self, X_CB: Array, zero: Array) -> None:
+        """A camera with the calibrated pose ``X_CB`` (4, 4) in its own true frame.
+
+        Args:
+            X_CB: See above.
+            zero: What the encoders measure at zero, shape (7,) [rad].
+        """
         super().__init__()
-        self._X_CB = RigidTransform(X_CB)
+        self._X_CB, self._zero = RigidTransform(X_CB), zero
         self._pose = declare_input(self, "true_pose", RigidTransform())
+        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         declare_output(self, "pose", self._calc, model=RigidTransform())
 
     def _calc(self, context: Context) -> RigidTransform:
-        return self._pose.Eval(context) @ self._X_CB
+        X_WB = self._pose.Eval(context) @ self._X_CB
+        if not self._position.HasValue(context):
+            return X_WB
+        q = self._position.Eval(context)
+        flange, measured = (RigidTransform(forward_kinematics(p)) for p in (q, q + self._zero))
+        return measured @ flange.inverse() @ X_WB
+
+
+class SeenObject(NamedTuple):
+    """The object as cameras see it: label of its pixels, material, and port of its pose X_WO."""
+
+    label: int
+    material: str
+    pose: OutputPort
 
 
 def export_camera(
@@ -103,6 +159,8 @@ def export_camera(
     config: CameraConfig,
     plant: MultibodyPlant,
     scene_graph: SceneGraph,
+    seen: SeenObject,
+    arm: MeasuredArm,
     *,
     noise: DepthNoise | None = None,
     hand_eye: HandEyeError | None = None,
@@ -118,6 +176,8 @@ def export_camera(
         config: The camera; its name becomes that of the ports.
         plant: The plant whose frames the camera is mounted on.
         scene_graph: What it sees.
+        seen: The object.
+        arm: The arm, which the camera may be on.
         noise: Errors of its depth image, and of the point cloud made from it; None for none.
         hand_eye: Error of its calibration; None for none.
         seed: Seed of those errors.
@@ -130,20 +190,33 @@ def export_camera(
     sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
     depth, info = sensor.depth_image_32F_output_port(), pixel_centred_intrinsics(config)
     if noise is not None:
-        errors = NoisyDepth(noise, info, seed, near=config.z_near, far=config.z_far)
+        errors = NoisyDepth(
+            noise,
+            info,
+            seed,
+            near=config.z_near,
+            far=config.z_far,
+            object_label=seen.label,
+            material=seen.material,
+        )
         noisy = builder.AddNamedSystem(f"{name}_noise", errors)
-        builder.Connect(depth, noisy.get_input_port())
+        builder.Connect(depth, noisy.GetInputPort("depth_image"))
+        builder.Connect(sensor.label_image_output_port(), noisy.GetInputPort("label_image"))
+        true_pose = sensor.body_pose_in_world_output_port()
+        builder.Connect(true_pose, noisy.GetInputPort("camera_pose"))
+        builder.Connect(seen.pose, noisy.GetInputPort("object_pose"))
         depth = noisy.get_output_port()
     cloud = builder.AddNamedSystem(
         f"{name}_point_cloud", DepthImageToPointCloud(info, PixelType.kDepth32F)
     )
     builder.Connect(depth, cloud.depth_image_input_port())
     pose = sensor.body_pose_in_world_output_port()
-    if hand_eye is not None:
-        error = CalibratedPose(calibration_error(hand_eye, seed))
-        calibrated = builder.AddNamedSystem(f"{name}_calibrated_pose", error)
-        builder.Connect(pose, calibrated.get_input_port())
-        pose = calibrated.get_output_port()
+    error = CalibratedPose(calibration_error(hand_eye or HandEyeError(), seed), arm.zero)
+    calibrated = builder.AddNamedSystem(f"{name}_calibrated_pose", error)
+    builder.Connect(pose, calibrated.GetInputPort("true_pose"))
+    if config.X_PB.base_frame not in (None, "", "world"):
+        builder.Connect(arm.position, calibrated.GetInputPort("position"))
+    pose = calibrated.get_output_port()
     builder.Connect(pose, cloud.camera_pose_input_port())
     builder.ExportOutput(cloud.point_cloud_output_port(), f"{name}.point_cloud")
     builder.ExportOutput(sensor.color_image_output_port(), f"{name}.color_image")

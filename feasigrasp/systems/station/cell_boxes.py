@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from pydrake.geometry import HalfSpace
 from pydrake.math import RigidTransform
@@ -12,10 +14,14 @@ from feasigrasp.models.segmentation.modeled_bodies import Boxes
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
 
 
-def cell_boxes(config: StationConfig) -> Boxes:
+def cell_boxes(config: StationConfig, models: Collection[str] | None = None) -> Boxes:
     """A box about each collision geometry that is fixed to the world and not the arm's base.
 
     Of a box that is the box itself, of anything else Drake's oriented bounding box.
+
+    Args:
+        config: The cell.
+        models: Names of the models that count; None for all.
     """
     # Half the size of a box that stands for a half space [m].
     half_space = 10.0
@@ -28,7 +34,8 @@ def cell_boxes(config: StationConfig) -> Boxes:
     inspector, robot = scene_graph.model_inspector(), robot_instances(plant)
     poses, halves = [], []
     for body in plant.GetBodiesWeldedTo(plant.world_body()):
-        if body.model_instance() in robot:
+        name = plant.GetModelInstanceName(body.model_instance())
+        if body.model_instance() in robot or (models is not None and name not in models):
             continue
         for geometry in plant.GetCollisionGeometriesForBody(body):
             if isinstance(inspector.GetShape(geometry), HalfSpace):

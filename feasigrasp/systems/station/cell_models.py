@@ -22,8 +22,6 @@ from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import check_fields
-from feasigrasp.models.clouds.depth_noise import DepthNoise
-from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.distractor_bodies import DistractorBody
@@ -31,6 +29,9 @@ from feasigrasp.models.objects.spring_drive import CarrierHold
 from feasigrasp.models.quantities import CONFIGURATION, POSE, NotNegative, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.sensors.depth_noise import DepthNoise
+from feasigrasp.models.sensors.hand_eye import HandEyeError
+from feasigrasp.models.sensors.joint_errors import JointErrors
 from feasigrasp.resources import model_path
 from feasigrasp.scenario.distractor_bodies import CarrierConfig
 from feasigrasp.scenario.schema import ObjectConfig
@@ -63,6 +64,7 @@ class StationConfig:
             on its path at every step, whatever touches it.
         camera_noise: Errors of the depth images, by camera; a camera not named has none.
         hand_eye: Errors of the hand-eye calibration, by camera, likewise.
+        joint_errors: Errors of encoders and external torques.
         noise_seed: Seed of those errors.
         hand_error: Where the hand truly is, in the frame of the one that is planned with, shape
             (4, 4) [m].
@@ -83,6 +85,7 @@ class StationConfig:
     touch_object: bool = True
     camera_noise: dict[str, DepthNoise] = field(default_factory=dict)
     hand_eye: dict[str, HandEyeError] = field(default_factory=dict)
+    joint_errors: JointErrors = field(default_factory=lambda: JointErrors(0.0, 0.0, 0.0, 0.0))
     noise_seed: Whole = 0
     hand_error: Annotated[np.ndarray, POSE] = field(default_factory=lambda: np.eye(4))
     carrier: CarrierHold = field(default_factory=lambda: CarrierConfig().hold)

@@ -12,7 +12,13 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+)
 from pydrake.systems.primitives import Demultiplexer, MatrixGain
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
@@ -22,10 +28,12 @@ from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.objects.spring_drive import body_pose_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.sensors.joint_errors import DrawnJointErrors
 from feasigrasp.systems.ports import declare_output
-from feasigrasp.systems.station.camera import export_camera
+from feasigrasp.systems.station.camera import MeasuredArm, SeenObject, export_camera
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
 from feasigrasp.systems.station.finger_drive import FingerDrive
+from feasigrasp.systems.station.joint_sensors import JointSensors
 from feasigrasp.systems.station.object_model import (
     add_distractor_bodies,
     add_object,
@@ -80,7 +88,8 @@ class Station(Diagram):
         - query_object
 
     ``iiwa.desired_state`` and ``iiwa.state_estimated`` are V14 (positions [rad], velocities
-    [rad/s]), ``iiwa.position_measured`` and ``iiwa.velocity_estimated`` the halves of the latter.
+    [rad/s]). The latter is true, as ``iiwa.velocity_estimated``, its second half; of
+    ``iiwa.position_measured`` V7, ``iiwa.desired_state`` and the torques see `JointSensors`.
     ``iiwa.torque_measured`` is V7, what the motors of the weightless arm give [Nm], and
     ``iiwa.torque_external`` V7, what contact does to the joints, which the real arm estimates [Nm];
     ``gripper.position`` is the distance between the pads [m] and
@@ -105,12 +114,15 @@ class Station(Diagram):
         plant.Finalize()
         self._let_robot_pass(config)
 
-        self._export_arm(builder)
+        joints = DrawnJointErrors(config.joint_errors, IIWA_7.effort_limits, config.noise_seed)
+        position = self._export_arm(builder, joints)
         self._export_gripper(builder)
-        self._export_object(builder, motion, config)
+        object_pose = self._export_object(builder, motion, config)
         self._show_distractor_bodies(builder, config, self.scene_graph, "distractor_bodies")
         if config.cameras:
-            self._export_cameras(builder, config, obj)
+            seen = SeenObject(self.object_label, obj.material, object_pose)
+            arm = MeasuredArm(position, joints.zero)
+            self._export_cameras(builder, config, obj, seen, arm)
         builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
         builder.BuildInto(self)
@@ -162,18 +174,26 @@ class Station(Diagram):
         indices = [index for instance in instances for index in plant.GetBodyIndices(instance)]
         return plant.CollectRegisteredGeometries([plant.get_body(index) for index in indices])
 
-    def _export_arm(self, builder: DiagramBuilder) -> None:
+    def _export_arm(self, builder: DiagramBuilder, errors: DrawnJointErrors) -> OutputPort:
+        """Exports the arm; returns the port of its true positions."""
         plant, iiwa = self.plant, self.plant.GetModelInstanceByName("iiwa")
-        builder.ExportInput(plant.get_desired_state_input_port(iiwa), "iiwa.desired_state")
+        sensors = builder.AddNamedSystem("joint_sensors", JointSensors(errors))
+        builder.ExportInput(sensors.GetInputPort("desired_state"), "iiwa.desired_state")
+        builder.Connect(
+            sensors.GetOutputPort("true_desired_state"), plant.get_desired_state_input_port(iiwa)
+        )
         state = plant.get_state_output_port(iiwa)
         position = builder.AddNamedSystem("iiwa_position", Demultiplexer([IIWA_7.joints] * 2))
         builder.Connect(state, position.get_input_port())
-        builder.ExportOutput(position.get_output_port(0), "iiwa.position_measured")
+        builder.Connect(position.get_output_port(0), sensors.GetInputPort("position"))
+        builder.ExportOutput(sensors.GetOutputPort("position_measured"), "iiwa.position_measured")
         builder.ExportOutput(position.get_output_port(1), "iiwa.velocity_estimated")
         builder.ExportOutput(state, "iiwa.state_estimated")
         builder.ExportOutput(plant.get_net_actuation_output_port(iiwa), "iiwa.torque_measured")
         contact = plant.get_generalized_contact_forces_output_port(iiwa)
-        builder.ExportOutput(contact, "iiwa.torque_external")
+        builder.Connect(contact, sensors.GetInputPort("torque_external"))
+        builder.ExportOutput(sensors.GetOutputPort("torque_estimated"), "iiwa.torque_external")
+        return position.get_output_port(0)
 
     def _export_gripper(self, builder: DiagramBuilder) -> None:
         plant, gripper = self.plant, self._gripper
@@ -188,7 +208,8 @@ class Station(Diagram):
 
     def _export_object(
         self, builder: DiagramBuilder, motion: ObjectMotion, config: StationConfig
-    ) -> None:
+    ) -> OutputPort:
+        """Exports the object's motion; returns the port of its pose."""
         plant = self.plant
         state = plant.get_state_output_port(self.object_instance)
         body_state = builder.AddNamedSystem("object_state", _BodyState())
@@ -204,6 +225,7 @@ class Station(Diagram):
         )
         builder.ExportInput(servo.GetInputPort("hold"), "object.hold")
         builder.ExportOutput(servo.GetOutputPort("let_go"), "object.let_go")
+        return body_state.GetOutputPort("pose")
 
     def _show_distractor_bodies(
         self, builder: DiagramBuilder, config: StationConfig, scene_graph: SceneGraph, name: str
@@ -223,7 +245,12 @@ class Station(Diagram):
         builder.Connect(servo.GetOutputPort("let_go"), distractor_bodies.get_input_port())
 
     def _export_cameras(
-        self, builder: DiagramBuilder, config: StationConfig, obj: RigidObject
+        self,
+        builder: DiagramBuilder,
+        config: StationConfig,
+        obj: RigidObject,
+        seen: SeenObject,
+        arm: MeasuredArm,
     ) -> None:
         """Lets the cameras render from a scene graph of their own.
 
@@ -251,6 +278,8 @@ class Station(Diagram):
                 camera,
                 camera_plant,
                 scene_graph,
+                seen,
+                arm,
                 noise=config.camera_noise.get(name),
                 hand_eye=config.hand_eye.get(name),
                 seed=config.noise_seed + 2**32 * index,  # cameras err differently

@@ -9,12 +9,12 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.camera import unproject
-from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp_lab.training.data.raycasting import Raycaster
 
 #: The depth stream of the scenarios' camera: a RealSense D435 in its 424 x 240 mode, 87 x 58 deg.

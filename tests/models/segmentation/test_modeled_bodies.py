@@ -31,7 +31,9 @@ X_WC = RigidTransform([0.0, 0.0, -5.0]).GetAsMatrix4()
 @pytest.fixture(scope="module")
 def station():
     """A cell with a wall and a table."""
-    return make_station(load_scenario(FILE, "ReachObstacleMocap", "{camera_noise: {}}"))
+    return make_station(
+        load_scenario(FILE, "ReachObstacleMocap", "{camera_noise: {}, sensors: {error_factor: 0}}")
+    )
 
 
 def kinds(bodies, points, q, opening, noise=0.0):

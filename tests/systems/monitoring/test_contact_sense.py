@@ -28,8 +28,10 @@ def test_a_push_is_noticed_on_the_way_and_not_when_fingers_close(phase, noticed)
     simulator = Simulator(ContactSense(0.002))
     dut, context = simulator.get_system(), simulator.get_mutable_context()
     dut.GetInputPort("phase").FixValue(context, [float(phase)])
-    dut.GetInputPort("torque_external").FixValue(context, PUSH)
+    torque = dut.GetInputPort("torque_external").FixValue(context, np.zeros(7))
     simulator.AdvanceTo(0.1)
+    torque.GetMutableData().get_mutable_value().SetFromVector(PUSH)
+    simulator.AdvanceTo(0.2)
     assert dut.GetOutputPort("touches").Eval(context)[0] == noticed
     assert dut.GetOutputPort("touch").Eval(context).any() == noticed
 

@@ -54,7 +54,9 @@ def test_table_and_shelf_stand_in_the_simulated_cell():
 def test_the_camera_sees_the_shelf_and_its_pixels_belong_to_the_cell():
     """The wrist camera looks at a wall before it: depth, label, and what they are taken for."""
     text = "{cell: {boxes: {wall: {size: [0.02, 0.8, 0.8], position: [0.95, 0, 0.5]}}}}"
-    setting = load_scenario(FILE, "ReachLinearMocap", text, "{camera_noise: {}}")
+    setting = load_scenario(
+        FILE, "ReachLinearMocap", text, "{camera_noise: {}, sensors: {error_factor: 0}}"
+    )
     station = make_station(setting)
     context = station.CreateDefaultContext()
     labels = station.GetOutputPort("wrist_camera.label_image").Eval(context).data[:, :, 0]

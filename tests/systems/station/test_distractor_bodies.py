@@ -13,7 +13,7 @@ from feasigrasp.systems.station.object_model import DistractorBodies
 from tests.cell import Cell
 
 FILE = diagram_path("dynamic.scenarios.yaml")
-IDEAL = "{camera_noise: {}, object: {model: mug}}"
+IDEAL = "{camera_noise: {}, sensors: {error_factor: 0}, object: {model: mug}}"
 
 
 @pytest.fixture(scope="module")

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.sensors import CameraInfo, ImageDepth32F
+from pydrake.math import RigidTransform
+from pydrake.systems.sensors import CameraInfo, ImageDepth32F, ImageLabel16I
 
-from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.from_scenario import make_station
@@ -19,8 +20,13 @@ def depth_image(data):
     return image
 
 
+X_WO = RigidTransform([0.0, 0.0, 0.5])
+
+
 def noisy(dut, fixed_context, data, time=0.0):
-    context = fixed_context(dut, depth_image=depth_image(data))
+    labels = ImageLabel16I(data.shape[1], data.shape[0])
+    inputs = {"label_image": labels, "camera_pose": RigidTransform(), "object_pose": X_WO}
+    context = fixed_context(dut, depth_image=depth_image(data), **inputs)
     context.SetTime(time)
     return dut.get_output_port().Eval(context).data[:, :, 0].copy()
 
@@ -37,20 +43,27 @@ def test_the_errors_depend_on_time_and_seed_only(fixed_context):
     np.testing.assert_array_equal(first, again)
     later = noisy(NoisyDepth(DepthNoise(), INFO, seed=1), fixed_context, flat, 1.0)
     other = noisy(NoisyDepth(DepthNoise(), INFO, seed=2), fixed_context, flat, 0.5)
-    for different in (later, other):
-        assert abs(np.corrcoef(first.ravel(), different.ravel())[0, 1]) < 0.1
+    # Three quarters stay with the pixels and the wall; another camera has errors of its own.
+    for different, expected in ((later, 0.75), (other, 0.0)):
+        seen = np.isfinite(first) & np.isfinite(different)
+        found = np.corrcoef(first[seen], different[seen])[0, 1]
+        assert found == pytest.approx(expected, abs=0.12)
 
 
 def test_the_noise_is_that_of_the_cameras_focal_length(fixed_context):
-    noise = DepthNoise(disparity_step=0.0, depth_step=0.0)
+    noise = DepthNoise(disparity_step=0.0, depth_step=0.0, fixed=0.0, correlation=0.0)
     error = noisy(NoisyDepth(noise, INFO), fixed_context, np.full((48, 64), 0.5)) - 0.5
-    assert np.std(error) == pytest.approx(0.5**2 * 0.08 / (60.0 * 0.05), rel=0.05)
+    straight = error[16:32, 24:40]  # rays at right angles to the wall
+    assert np.std(straight) == pytest.approx(0.5**2 * 0.08 / (60.0 * 0.05), rel=0.12)
 
 
 def test_in_the_station_cloud_and_depth_image_carry_the_same_noise():
     """Along the optical axis the cloud is the noisy depth; the labels know nothing of it."""
     file, images = diagram_path("dynamic.scenarios.yaml"), {}
-    for text in ("{camera_noise: {}}", "{camera_noise: {wrist_camera: {depth_step: 0}}}"):
+    same = "sensors: {joints: {encoder_zero_deg: 0}}"
+    alone = "depth_step: 0, scale_error: 0, bias: 0, holes: 0"
+    for noise in ("{}", f"{{wrist_camera: {{{alone}}}}}"):
+        text = f"{{{same}, camera_noise: {noise}}}"
         station = make_station(load_scenario(file, "ReachLinearMocap", text))
         context = station.CreateDefaultContext()
         cloud, depth, label, pose = (
@@ -67,7 +80,7 @@ def test_in_the_station_cloud_and_depth_image_carry_the_same_noise():
     near = seen & (true > 0.0) & (true < 0.6)
     focal = true.shape[1] / 2 / np.tan(np.deg2rad(87.0 / 2))
     in_sigmas = (depth[near] - true[near]) / (true[near] ** 2 * 0.08 / (focal * 0.05))
-    assert 0.95 < 1.4826 * np.median(np.abs(in_sigmas)) < 1.1
+    assert 0.95 < 1.4826 * np.median(np.abs(in_sigmas)) < 1.8  # more on oblique surfaces
 
 
 def test_a_calibration_error_moves_cloud_and_pose_alike():
@@ -91,7 +104,9 @@ def test_a_calibration_error_moves_cloud_and_pose_alike():
 
 def test_the_camera_of_its_own_looks_towards_the_pads():
     file = diagram_path("dynamic.scenarios.yaml")
-    station = make_station(load_scenario(file, "ReachLinear", "{camera_noise: {}}"))
+    station = make_station(
+        load_scenario(file, "ReachLinear", "{camera_noise: {}, sensors: {error_factor: 0}}")
+    )
     context = station.CreateDefaultContext()
     z_C = station.GetOutputPort("wrist_camera.pose").Eval(context).rotation().col(2)
     inside = station.plant.GetMyContextFromRoot(context)

@@ -1,6 +1,7 @@
 """Contact reaction: collision detection by external joint torques, and retreat.
 
-Torques that nothing but contact explains are what an iiwa's controller estimates and reports. Where
+Torques that nothing but contact explains are what an iiwa's controller estimates and reports, with
+an error that hardly changes: its slow mean, taken while nothing touches, is subtracted. Where
 on the arm it was touched need not be known: the contact pushes the arm along ``tau``, since it does
 the work ``tau . qd`` on it. So a motion with ``tau . qd > 0`` yields to the contact, whatever body
 it is at.
@@ -12,15 +13,23 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: A torque above this share of a joint's limit is a touch: a choice, which leaves room for the
-#: errors of torque sensors.
+#: A torque above this share of a joint's limit is a touch: a choice, more than what is left of
+#: twice the published error of an iiwa (`feasigrasp.models.sensors.joint_errors`).
 THRESHOLD = 0.03
+#: What stays of a torque without a touch is the sensor's own error: it is followed with this time
+#: constant [s], longer than contacts last and shorter than the arm takes to turn.
+_ZEROING = 1.0
 #: Time constant of the low-pass filter in front of it [s].
 _SMOOTHING = 0.01
 #: The arm gives way so long after the last touch [s], and so fast [m/s].
 _YIELDS_FOR, _SPEED = 0.2, 0.1
-#: Size of the state: filtered torque (7), torque of the touch (7), time that is left, touches.
-TOUCH_STATE = 2 * IIWA_7.joints + 2
+#: Entries of the state: filtered torque (7), torque of the touch (7), time that is left, touches,
+#: the sensor's own error (7), how long that has been measured [s].
+TOUCHES, _ZERO, TOUCH_STATE = (
+    2 * IIWA_7.joints + 1,
+    2 * IIWA_7.joints + 2,
+    3 * IIWA_7.joints + 3,
+)
 
 
 @compiled
@@ -28,8 +37,8 @@ def touch_step_kernel(state, torque, period, after):
     """Writes the state one period later, `TOUCH_STATE` entries.
 
     Args:
-        state: Now; zeros at first. Entries 7 to 13 are the torque of the touch [Nm], zero without
-            one, the last is how often the arm has been touched.
+        state: Now; zeros at first, when nothing touches the arm. Entries 7 to 13 are the torque of
+            the touch [Nm], zero without one, entry `TOUCHES` is how often the arm was touched.
         torque: External torques of the joints [Nm], shape (7,); one that is not finite is none.
         period: Time between steps [s].
         after: Written.
@@ -39,14 +48,20 @@ def touch_step_kernel(state, torque, period, after):
     share = 0.0
     for i in range(n):
         wish = torque[i] if np.isfinite(torque[i]) else 0.0
+        if state[-1] == 0.0:
+            after[i], after[_ZERO + i] = wish, wish
+            continue
         after[i] = state[i] + (wish - state[i]) * period / (_SMOOTHING + period)
-        share = max(share, abs(after[i]) / IIWA_7.effort_limits[i])
+        if state[2 * n] <= 0.0:  # at first the mean of all that has been measured
+            after[_ZERO + i] += (after[i] - state[_ZERO + i]) * period / min(_ZEROING, state[-1])
+        share = max(share, abs(after[i] - after[_ZERO + i]) / IIWA_7.effort_limits[i])
+    after[-1] = state[-1] + period
     left = state[2 * n] - period
     if share > THRESHOLD:
         if state[2 * n] <= 0.0:
-            after[2 * n + 1] += 1.0
+            after[TOUCHES] += 1.0
         left = _YIELDS_FOR
-        after[n : 2 * n] = after[:n]
+        after[n : 2 * n] = after[:n] - after[_ZERO : _ZERO + n]
     elif left <= 0.0:
         after[n : 2 * n] = 0.0
     after[2 * n] = max(left, 0.0)

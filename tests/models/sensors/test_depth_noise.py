@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import CameraError
-from feasigrasp.models.clouds.depth_noise import DepthNoise, _cosine_kernel
+from feasigrasp.models.clouds.camera import stereo_deviation
+from feasigrasp.models.sensors.depth_kernels import cosine_kernel
+from feasigrasp.models.sensors.depth_noise import DepthNoise
 
 FX = FY = 384.2
 SHAPE = (240, 320)
@@ -30,15 +32,17 @@ def plane_depth(normal, distance):
 @pytest.mark.parametrize(("z", "expected"), [(0.5, 1.04e-3), (1.0, 4.16e-3), (2.0, 16.7e-3)])
 def test_axial_noise_grows_with_the_square_of_the_depth(z, expected):
     """z^2 s / (f B) by hand; the steps (1/32 px, 1 mm) add their uniform errors."""
-    depth = np.full(SHAPE, z)
-    smooth = DepthNoise(disparity_step=0.0, depth_step=0.0).apply(depth, INTRINSICS, rng())
+    depth, far = np.full(SHAPE, z), (1e5, 1e5, *INTRINSICS[2:])  # so that no ray is oblique
+    baseline = 0.05 * FX / 1e5
+    plain = DepthNoise(baseline, disparity_step=0.0, depth_step=0.0, correlation=0.0)
+    smooth = plain.apply(depth, far, rng())
     assert np.std(smooth) == pytest.approx(expected, rel=0.02)
     assert z**2 * 0.08 / (FX * 0.05) == pytest.approx(expected, rel=0.005)
-    assert z**2 * DepthNoise().axial(FX) == pytest.approx(expected, rel=0.005)
+    assert z**2 * stereo_deviation(FX) == pytest.approx(expected, rel=0.005)
     # The mean of f B / (disparity + error) is z (1 + (sigma / z)^2) to second order.
     standard_error = expected / np.sqrt(depth.size)
     assert np.mean(smooth) == pytest.approx(z + expected**2 / z, abs=4 * standard_error)
-    stepped = DepthNoise().apply(depth, INTRINSICS, rng())
+    stepped = DepthNoise(baseline).apply(depth, far, rng())
     disparity_step = z**2 / (FX * 0.05) / 32
     total = np.sqrt(expected**2 + (disparity_step**2 + 1e-6) / 12)
     assert np.std(stepped) == pytest.approx(total, rel=0.03)
@@ -66,7 +70,7 @@ def test_incidence_is_exact_on_planes():
         inverse = np.where(valid, 1.0 / depth, 0.0)
         cosine = rays @ normal / np.linalg.norm(rays, axis=-1)
         found = np.empty(SHAPE)
-        _cosine_kernel(inverse, valid, INTRINSICS, found)
+        cosine_kernel(inverse, valid, INTRINSICS, found)
         np.testing.assert_allclose(found[valid], cosine[valid], atol=1e-9)
 
 

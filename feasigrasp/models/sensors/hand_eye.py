@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import CameraError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import key
-from feasigrasp.models.geometry import se3
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,10 @@ class HandEyeError:
             if not (np.isfinite(value) and value >= 0.0):
                 raise CameraError(f"HandEyeError.{name} = {value}; give 0 or more")
 
+    def scaled(self, factor: float) -> HandEyeError:
+        """A calibration that errs ``factor`` times as much."""
+        return HandEyeError(**{name: factor * value for name, value in vars(self).items()})
+
     def draw(self, rng: np.random.Generator) -> Array:
         """The calibrated pose in the frame of the true camera, X_CB, (4, 4).
 
@@ -42,5 +46,8 @@ class HandEyeError:
         """
         axes = rng.standard_normal((2, 3))
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        R_CB = se3.so3_exp(np.deg2rad(self.hand_eye_angle_deg) * axes[0])
-        return se3.make_pose(R_CB, self.hand_eye_position * axes[1])
+        X_CB = np.eye(4)
+        turn = np.deg2rad(self.hand_eye_angle_deg) * axes[0]
+        X_CB[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+        X_CB[:3, 3] = self.hand_eye_position * axes[1]
+        return X_CB

@@ -1,0 +1,181 @@
+"""Errors of a depth camera that stay: scale, bias, patterns on pixels and surfaces, holes.
+
+A stereo matcher errs by what it sees. Lens errors that rectification leaves are fixed to the pixel
+(librealsense issue 3210), and what the texture in a window misleads it by to the surface. Both are
+smooth Gaussian fields of variance 1, drawn once per camera:
+
+- ``e(u, v)`` on the pixels;
+- ``d . F(p / l)`` on a surface: F is a field of three components in the frame of the body that the
+  point p is of (the object, or else the world), l its correlation length, and d the unit vector
+  from there to the camera. From two directions at an angle a the errors are correlated by cos a:
+  they stand still as long as camera and body do, and change slowly as the view does.
+
+A material loses the share of a surface on which a second such field, of the length of its holes, is
+largest: patches, not single pixels.
+
+Left out: dependence on light, exposure and the true texture; the other bodies that move (links of
+the arm, a carrier, a distractor) are of the world's field; a transparent surface shows nothing of
+what is behind it; the field repeats, after 43 correlation lengths.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+from scipy.special import ndtri
+
+from feasigrasp.models.arrays import Array, Floats, Mask
+from feasigrasp.models.compiled import compiled
+from feasigrasp.models.sensors.depth_noise import DepthNoise, FixedErrors, correlated
+
+
+class Material(NamedTuple):
+    """A surface as a stereo camera sees it.
+
+    Attributes:
+        holes: Share of the surface on which it finds no match.
+        length: Correlation length of the holes [m].
+    """
+
+    holes: float
+    length: float
+
+
+#: Materials by name. Published are pictures and orders, no figures for these cameras at 0.3 m
+#: (Halmetschlager-Funek et al., "An empirical evaluation of ten depth cameras", RAM 2019): matt
+#: surfaces are whole, dark and shiny ones have holes, transparent ones are mostly lost. The shares
+#: are choices in that order.
+MATERIALS = {
+    "matt": Material(0.0, 0.004),
+    "dark": Material(0.1, 0.006),
+    "shiny": Material(0.2, 0.008),
+    "transparent": Material(0.6, 0.012),
+}
+#: Standard deviation of the window on the pixels: that of the matcher, at a third of the full
+#: resolution [px].
+_PATTERN = 3.0
+#: Nodes along an axis after which the field on surfaces repeats, a power of two; cells per
+#: correlation length.
+_NODES, _CELLS = 64, 1.5
+#: Where the field is read for holes, so that they have nothing to do with the errors [cells].
+_APART = 17.3
+#: Makes the seed of a camera another than those of its images.
+_CAMERA = 2**41
+
+
+class CameraErrors:
+    """The errors of one camera that stay."""
+
+    def __init__(self, noise: DepthNoise, seed: int, size: tuple[int, int]) -> None:
+        """Draws the errors.
+
+        Args:
+            noise: Their sizes.
+            seed: Of the camera.
+            size: Height and width of its images [px].
+        """
+        rng = np.random.default_rng([seed, _CAMERA])
+        self._noise = noise
+        self.scale = 1.0 + noise.scale_error * float(rng.standard_normal())
+        self.bias = noise.bias * float(rng.standard_normal())
+        self._pattern = correlated(rng.standard_normal(size), _PATTERN)
+        self._field = _periodic_field(rng)
+
+    def fixed(
+        self,
+        depth: Floats,
+        intrinsics: tuple[float, float, float, float],
+        poses: tuple[Array, Array],
+        on_object: Mask,
+        material: Material,
+    ) -> FixedErrors:
+        """The errors of an image.
+
+        Args:
+            depth: True depths, shape (h, w) [m].
+            intrinsics: fx, fy, cx, cy [px].
+            poses: Of the camera in the world and in the object, X_WC and X_OC, shape (4, 4) each.
+            on_object: Which pixels show the object, shape (h, w).
+            material: Of the object; the world is matt.
+        """
+        materials = (MATERIALS["matt"], material)
+        share = np.clip([self._noise.holes * m.holes for m in materials], 0.0, 1.0)
+        lengths = np.array([(self._noise.texture, m.length) for m in materials])
+        error, holes = self._pattern.copy(), np.zeros(depth.shape, dtype=bool)
+        _surface_kernel(
+            np.ascontiguousarray(depth, dtype=float),
+            np.ascontiguousarray(on_object),
+            intrinsics,
+            np.ascontiguousarray(np.array(poses), dtype=float),
+            (self._field, _CELLS / lengths, -ndtri(share)),
+            error,
+            holes,
+        )
+        error *= math.sqrt(0.5 * self._noise.fixed)
+        return FixedErrors(error, holes, self.scale, self.bias)
+
+
+def _periodic_field(rng: np.random.Generator) -> Floats:
+    """Three smooth fields of variance 1 where they are interpolated, shape (`_NODES`, ..., 3)."""
+    white = rng.standard_normal((_NODES, _NODES, _NODES, 3))
+    field = gaussian_filter(white, _CELLS, mode="wrap", axes=(0, 1, 2))
+    field /= field.std(axis=(0, 1, 2))
+    beside = float(np.mean(field * np.roll(field, 1, axis=0)))
+    # Between two nodes at the share a the variance is 1 - 2 a (1 - a) (1 - beside), per axis.
+    field /= (1.0 - (1.0 - beside) / 3.0) ** 1.5
+    return np.ascontiguousarray(field, dtype=np.float32)
+
+
+@compiled(nogil=True)
+def _surface_kernel(depth, on_object, intrinsics, poses, fields, error, holes):
+    """Adds the errors of surfaces to those of pixels, and marks the holes.
+
+    Args:
+        depth: True depths, shape (h, w) [m].
+        on_object: Which pixels show the object.
+        intrinsics: fx, fy, cx, cy [px].
+        poses: Of the camera in the world and in the object, shape (2, 4, 4).
+        fields: The field; cells per metre of errors and of holes for world and object (2, 2); least
+            value of the field where there is a hole, (2,).
+        error: Added to, shape (h, w).
+        holes: Written.
+    """
+    fx, fy, cx, cy = intrinsics
+    field, cells, least = fields
+    h, w = depth.shape
+    p, d = np.empty(3), np.empty(3)
+    for i in range(h):
+        for j in range(w):
+            z = depth[i, j]
+            if not (np.isfinite(z) and z > 0.0):
+                continue
+            k = 1 if on_object[i, j] else 0
+            X = poses[k]
+            x, y = (j - cx) / fx * z, (i - cy) / fy * z
+            far = math.sqrt(x * x + y * y + z * z)
+            for a in range(3):
+                way = X[a, 0] * x + X[a, 1] * y + X[a, 2] * z
+                p[a], d[a] = X[a, 3] + way, -way / far
+            error[i, j] += _along(field, p, d, cells[k, 0], 0.0)
+            if least[k] < np.inf:
+                holes[i, j] = _along(field, p, d, cells[k, 1], _APART) > least[k]
+
+
+@compiled(forceinline=True)
+def _along(field, p, d, cells, apart):
+    """Component along d of the field at p, linear between its nodes."""
+    x, y, z = cells * p[0] + apart, cells * p[1] + apart, cells * p[2] + apart
+    i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(z))
+    a, b, c = x - i, y - j, z - k
+    total = 0.0
+    for u in range(2):
+        for v in range(2):
+            weight = (a if u else 1.0 - a) * (b if v else 1.0 - b)
+            row = field[(i + u) & (_NODES - 1), (j + v) & (_NODES - 1)]
+            near, far = row[k & (_NODES - 1)], row[(k + 1) & (_NODES - 1)]
+            for n in range(3):
+                total += weight * d[n] * ((1.0 - c) * near[n] + c * far[n])
+    return total
