@@ -13,6 +13,7 @@ from feasigrasp.models.control.joint.field import MAX_LENGTH_SCALE, MIN_LENGTH_S
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.planning.cost_weights import CostWeights
 from feasigrasp.models.control.safety.command_guard import CommandGuard
+from feasigrasp.models.control.status import StatusCode
 from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.rigid_object import builtin_objects
@@ -25,6 +26,7 @@ from feasigrasp.scenario import faults
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.monitoring.status_monitor import LASTS
 from feasigrasp_lab.measures.grasps import GRASPABLE
 from feasigrasp_lab.protocols.degradations import motion_capture
 from feasigrasp_lab.protocols.speed import SPEEDS, SPINS
@@ -80,6 +82,7 @@ COMPLETE = defaults("feasigrasp.models.shape.completion.complete_shape")
 FIT = defaults("feasigrasp.models.shape.gpdf_fit.fit_gpdf")
 JUDGED = defaults("feasigrasp.models.reach.predicted_reachability.judge_grasps")
 MIXTURE = defaults("feasigrasp.models.mixtures.fit.fit_best_mixture")
+EM = defaults("feasigrasp.models.mixtures.fit.fit_riemannian_mixture")
 REACHABILITY = defaults("feasigrasp.Reachability")
 HAND = ParallelGripper()
 SOFT, STIFF, RIGID = (spring[:2] for spring in SPRINGS.values())
@@ -89,6 +92,12 @@ PAPER, FAST = (
     for end in ("", "Fast")
 )
 
+CONTROL = "feasigrasp.models.control"
+GRASP_INPUT = "feasigrasp.models.grasps.network.surface_input.grasp_input"
+MOTION = {
+    name: load_scenario(diagram_path("dynamic.scenarios.yaml"), name).motion
+    for name in ("ReachCircular", "ReachLinear", "ReachSinusoidal", "ReachBezier")
+}
 HARD, OLD, CAPTURE, ALONE = (
     load_scenario(diagram_path("dynamic.scenarios.yaml"), name)
     for name in ("Static", "Static", "ReachLinearMocap", "ReachLinear")
@@ -163,6 +172,14 @@ STATEMENTS = {
             (0.5 * value("reference._FAR"), value("reference._FAR")),
         ),
         ("so {:g} % of the limits are sent", (100 * IIWA_7.acceleration_share,)),
+        ("At each of {} surface points", (defaults(GRASP_INPUT)["n_points"],)),
+        ("at steps of at most {:.0f}°", (360 / REACHABILITY["n_arm_angles"],)),
+        ("gain = {:g} /s", (defaults(f"{CONTROL}.task.safe_law.TaskControlOptions")["gain"],)),
+        ("k = {:g} /s", (defaults(f"{CONTROL}.joint.law.JointControlOptions")["gain"],)),
+        (
+            "covariance floors `({:g} rad)²` and `({:g} mm)²`",
+            (EM["rotation_floor"], 1e3 * EM["translation_floor"]),
+        ),
         ("With fewer than {} grasps left", (value("non_maximum_suppression.ENOUGH"),)),
         ("more than {:g} mm from the surface", (mm("filter.CONTACT_TOLERANCE"),)),
         ("exceeds {:g}; {:g}, then {:g}, while", value("filter.COSINE_STEPS")),
@@ -293,6 +310,22 @@ STATEMENTS = {
         ("blocked for {:g} s", (value("next_best_view._FORGOTTEN"),)),
         ("a factor of e in {:g} s", (value("next_best_view._RELAXES"),)),
     ],
+    "commands.md": [
+        (
+            "circle, radius {:g} m, one lap in {:g} s",
+            (MOTION["ReachCircular"].amplitude[0], 2 * np.pi / MOTION["ReachCircular"].rate),
+        ),
+        ("line, {:g} m to either side", (MOTION["ReachLinear"].amplitude[1],)),
+        (
+            "figure of eight, {:.2f} m to either side and {:g} m up and down",
+            MOTION["ReachSinusoidal"].amplitude[1:],
+        ),
+        ("Bezier curves at {:g} m/s", (MOTION["ReachBezier"].speed,)),
+    ],
+    "index.md": [
+        ("Meshes of more than {} faces", (value("mesh.MAX_FACES"),)),
+        ("fragments below {:g} % of the volume", (percent("mesh._CRUMB"),)),
+    ],
     "hardware.md": [
         ("drake-iiwa-driver | {:g} Hz |", (1 / channels.IIWA_PERIOD,)),
         ("drake-schunk-driver | {:g} Hz |", (1 / channels.WSG_PERIOD,)),
@@ -339,8 +372,14 @@ STATEMENTS = {
     ],
     "results_schema.md": [
         ("the forearm in {} slices", (SLICES["iiwa_link_5"],)),
+        ("alone, {:g} times per second", (1 / value("status_monitor.PERIOD"),)),
+        (
+            "`touched`: one; `braking_for_obstacle`: {:g} s",
+            (LASTS[StatusCode.BRAKING_FOR_OBSTACLE],),
+        ),
+        ("for {:g} s, ", (LASTS[StatusCode.OUT_OF_REACH],)),
         ("no grasp within reach for {:g} s", (value("next_best_view.WAITS"),)),
-        ("{:g} % of the grasps fail", (percent("status.SHARED"),)),
+        ("{:g} % of the grasps", (percent("status.SHARED"),)),
         ("accepted after {:g} s |", (value("pose_filter._JUMP_FOR"),)),
         (
             "more than {:g} mm or {:.0f}° in the hand",
