@@ -27,7 +27,7 @@ from feasigrasp.models.grasps.perceive import Perception, perceive
 from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.segmentation.tabletop import object_on_table
 from feasigrasp.outputs import check_outputs
-from feasigrasp.recordings.capture import camera_file_of, captured_points
+from feasigrasp.recordings.images import camera_file_of, captured_points
 from feasigrasp.resources import model_path
 from feasigrasp.runs.pictures.perception import draw_perception, write_perception_html
 from feasigrasp.runs.results.grasps_file import check_suffix, write_grasps

@@ -27,16 +27,13 @@ class DrakeArm:
         checker: The collision checker, with plant and scene graph.
     """
 
-    def __init__(self, *, table: bool = False) -> None:
-        """The arm with its hand, on a table or by itself."""
+    def __init__(self) -> None:
+        """The arm with its hand, by itself."""
         builder = RobotDiagramBuilder(time_step=0.001)
         builder.parser().package_map().Add("feasigrasp", str(model_path()))
         (arm,) = builder.parser().AddModels(str(model_path("iiwa", "iiwa7.urdf")))
         plant = builder.plant()
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(IIWA_7.link_names[0]))
-        if table:
-            (top,) = builder.parser().AddModels(str(model_path("iiwa", "table.urdf")))
-            plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("table_top", top))
         # A body of its own, since the checker filters by bodies.
         hand = plant.AddRigidBody("hand", arm, SpatialInertia.SolidSphereWithMass(1.0, 0.1))
         plant.WeldFrames(plant.GetFrameByName(IIWA_7.link_names[-1]), hand.body_frame())
