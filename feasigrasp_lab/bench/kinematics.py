@@ -50,39 +50,6 @@ def pinocchio_kinematics() -> Callable[[Array], tuple[Array, Array]]:
     return run
 
 
-def eaik_nearest(values: Array) -> Callable[[Array, Array], Array]:
-    """Nearest configurations inside the limits, by closed-form inverse kinematics of EAIK.
-
-    EAIK solves arms of six joints: joint 3 is fixed at each of ``values``, where ours fixes the arm
-    angle. From flange poses (n, 4, 4) and the present configuration (7,) to configurations (n, 7),
-    NaN where there is none.
-
-    Raises:
-        ImportError: EAIK (PyPI: eaik) is not installed.
-    """
-    homogeneous = import_module("eaik.IK_Homogeneous")
-    frames = np.tile(np.eye(4), (IIWA_7.joints + 1, 1, 1))
-    frames[:, 2, 3] = np.cumsum(IIWA_7.link_steps)
-    for frame, axis in zip(frames, IIWA_7.joint_axes, strict=False):
-        if axis[1]:  # z-axis along +-y
-            frame[:3, :3] = np.array([[1, 0, 0], [0, 0, axis[1]], [0, -axis[1], 0]])
-    robots = [homogeneous.HomogeneousRobot(frames, fixed_axes=[(2, float(v))]) for v in values]
-
-    def run(X_WF: Array, q: Array) -> Array:
-        best = np.full((len(X_WF), IIWA_7.joints), np.nan)
-        for k, X in enumerate(X_WF):
-            solutions = [robot.IK(X) for robot in robots]
-            exact = [np.asarray(s.Q)[~np.asarray(s.is_LS)] for s in solutions if len(s.Q)]
-            found = np.concatenate([np.empty((0, IIWA_7.joints)), *exact])
-            found = found[(np.abs(found) <= IIWA_7.position_limits).all(axis=1)]
-            if len(found):
-                times = (np.abs(found - q) / IIWA_7.velocity_limits).max(axis=1)
-                best[k] = found[np.argmin(times)]
-        return best
-
-    return run
-
-
 #: Configurations and poses of a batch, arm angles tried for each pose.
 BATCH, ARM_ANGLES = 100, 16
 #: Configurations whose self-collision is tested in one call.
@@ -134,10 +101,6 @@ def cases(seed: int) -> Iterator[Case]:
     if installed("pinocchio", "pinocchio (PyPI: pin)"):
         pinocchio = pinocchio_kinematics()
         yield Case(_FK, "peer:pinocchio", lambda: pinocchio(batch))
-    if installed("eaik", "EAIK (PyPI: eaik)"):
-        limit = IIWA_7.position_limits[2]
-        eaik = eaik_nearest(np.linspace(-limit, limit, ARM_ANGLES))
-        yield Case(_INVERSE, "peer:eaik", lambda: eaik(X_WF, HOME))
     try:
         flow = IkFlow.load_default()
         yield Case("bench.ik_flow_ms.100", "default", lambda: flow.solve(X_WF))

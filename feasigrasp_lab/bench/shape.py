@@ -10,7 +10,6 @@ import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -34,7 +33,6 @@ from feasigrasp_lab.measures.timing import (
     Case,
     Timing,
     cpu_time,
-    installed,
     report_bench,
     timing_row,
 )
@@ -197,14 +195,6 @@ def cases(cloud: Array, seed: int) -> Iterator[Case]:
         factorize, copy = potrf_with_copy(points)
         yield Case(name, "potrf and copy", factorize)
         yield Case(name, "copy", copy)
-        if installed("sklearn", "scikit-learn"):
-            process = import_module("sklearn.gaussian_process")
-            kernel = process.kernels.Matern(PAPER["length_scale"], "fixed", nu=0.5)
-            regressor = process.GaussianProcessRegressor(
-                kernel, alpha=PAPER["noise_variance"], optimizer=None
-            )
-            targets = np.ones(len(points))
-            yield Case(name, "peer:scikit-learn", partial(regressor.fit, points, targets))
         for preset in PRESETS:
             whole = partial(whole_fit, cloud, preset, n)
             yield Case(f"bench.gpdf_fit_whole_ms.{n}", preset, whole)
