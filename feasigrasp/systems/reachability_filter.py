@@ -17,7 +17,13 @@ from feasigrasp.models.grasps.hand_clearance import scene_clear, unobserved_clea
 from feasigrasp.models.grasps.payload import rated_by_payload
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import NotNegative, Positive
-from feasigrasp.models.reach.predicted_reachability import WAY_IN, Judge, JudgedGrasps, judge_grasps
+from feasigrasp.models.reach.predicted_reachability import (
+    WAY_IN,
+    Judge,
+    JudgedGrasps,
+    KeepingRule,
+    judge_grasps,
+)
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -243,8 +249,7 @@ class ReachabilityFilter(LeafSystem):
             self._velocity.Eval(context).get_coeffs(),
             self._judge,
             self._horizon,
-            symmetric_grasps=self._symmetric_grasps,
-            way_in=self._way_in,
             motion=optional(self._motion, context),
             kept_before=self._kept_before.Eval(context),
+            rule=KeepingRule(symmetric_grasps=self._symmetric_grasps, way_in=self._way_in),
         )

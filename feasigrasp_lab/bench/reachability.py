@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.reach.predicted_reachability import judge_grasps
+from feasigrasp.models.reach.predicted_reachability import KeepingRule, judge_grasps
 from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.runs.results.arguments import add_common_arguments
 from feasigrasp.runs.results.rows import Row
@@ -76,7 +76,8 @@ def _filter_rows(grasps: GraspSet, seconds: float) -> list[Row]:
     cases: list[Case] = []
     for method in (JudgeMethod.IK, JudgeMethod.RMM, JudgeMethod.BOTH):
         judge, name = PoseJudge(reachability, method), f"bench.reachability_filter_ms.{method}"
-        whole = partial(judge_grasps, n_best=2 * GRASPS, score_share=0.0)
+        rule = KeepingRule(n_best=2 * GRASPS, score_share=0.0)
+        whole = partial(judge_grasps, rule=rule)
         cases.append(Case(name, "default", partial(judge.verdicts, X_WG)))
         cases.append(Case(name, "whole filter", partial(whole, grasps, X_WO, V_WO, judge)))
     return time_cases(cases, seconds)

@@ -10,7 +10,7 @@ from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.planning.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.reach.predicted_reachability import judge_grasps
+from feasigrasp.models.reach.predicted_reachability import KeepingRule, judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.paper.joint_law import PaperJointControl, PaperJointOptions
@@ -38,7 +38,7 @@ def solutions_of(grasps, options, X_WO=X_WO):
 
 
 def in_reach(grasps):
-    return judge_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=200).grasps
+    return judge_grasps(grasps, X_WO, STILL, REACHABILITY, rule=KeepingRule(n_best=200)).grasps
 
 
 @pytest.mark.parametrize("options", [PaperJointOptions(), PRINTED], ids=["corrected", "printed"])

@@ -16,7 +16,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.motion import HarmonicMotion
-from feasigrasp.models.reach.predicted_reachability import judge_grasps
+from feasigrasp.models.reach.predicted_reachability import KeepingRule, judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.arm.self_collision import min_distance
@@ -76,7 +76,7 @@ def solutions_of(grasps, options=OPTIONS, X_WO=X_WO, q=HOME):
 
 
 def in_reach(grasps, X_WO=X_WO, V_WO=STILL):
-    return judge_grasps(grasps, X_WO, V_WO, REACHABILITY, n_best=200).grasps
+    return judge_grasps(grasps, X_WO, V_WO, REACHABILITY, rule=KeepingRule(n_best=200)).grasps
 
 
 @pytest.mark.parametrize("position", [(0.5, 0.0, 0.5), (0.45, -0.25, 0.3)])
