@@ -121,12 +121,9 @@ def check_of(hint: Any) -> Check | None:
     if hint in (Any, object) or isinstance(hint, TypeVar) or origin is ClassVar:
         return None
     if (alias := getattr(origin or hint, "__value__", None)) is not None:
-        return check_of(alias)  # of a ``type`` statement, as NDArray is in newer releases of NumPy
+        return check_of(alias)  # of a ``type`` statement, as in NumPy from 2.5 on
     if hint in _SIMPLE:
         return _SIMPLE[hint]
-    alias = hint if origin is None else origin
-    if hasattr(alias, "__value__"):  # of Python 3.12, as NumPy has them from 2.5 on
-        return check_of(alias.__value__)
     if origin is Annotated:
         quantity: ArrayOf | Number = parts[1]
         return _in_turn(_SIMPLE[int], quantity.check) if parts[0] is int else quantity.check

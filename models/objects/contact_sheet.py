@@ -20,7 +20,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
-from feasigrasp.models.objects.rigid_object import RigidObject, load_objects
+from feasigrasp.models.objects.rigid_object import RigidObject, find_objects, load_object
 from feasigrasp.systems.station.object_model import add_object
 
 _EYE = np.array([0.30, -0.50, 0.28])  # camera position relative to the object [m]
@@ -30,7 +30,7 @@ _COLUMNS = 6
 
 def draw_sheet(folder: Path, picture: Path) -> None:
     """Renders every object of ``folder`` from the same viewpoint and labels the tiles."""
-    objects = load_objects(folder)
+    objects = [load_object(path) for path in find_objects(folder).values()]
     rows = -(-len(objects) // _COLUMNS)
     figure, axes = plt.subplots(rows, _COLUMNS, figsize=(2.1 * _COLUMNS, 2.3 * rows))
     for axis in axes.flat:

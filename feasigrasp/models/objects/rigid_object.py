@@ -156,24 +156,6 @@ def load_object(
     )
 
 
-def load_objects(
-    directory: str | Path, *, scale: float = 1.0, density: float | None = None
-) -> list[RigidObject]:
-    """Loads every object of a folder, in the order of their names.
-
-    Args:
-        directory: A folder with a catalogue (the YCB layout, see `load_object`) or with mesh files.
-        scale: Factor from the units of the files to metres.
-        density: Density instead of the catalogue's masses [kg/m^3].
-
-    Raises:
-        MeshError: If the folder is missing or holds no meshes, or one of them cannot be loaded.
-    """
-    return [
-        load_object(path, scale=scale, density=density) for path in find_objects(directory).values()
-    ]
-
-
 def find_objects(directory: str | Path) -> dict[str, Path]:
     """Names and mesh files of the objects of a folder, in the order of their names.
 

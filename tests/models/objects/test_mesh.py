@@ -9,7 +9,7 @@ import trimesh
 from feasigrasp.errors import MeshError
 from feasigrasp.models.objects import mesh_cache, rigid_object
 from feasigrasp.models.objects.mesh import decimate_within
-from feasigrasp.models.objects.rigid_object import builtin_objects, load_object, load_objects
+from feasigrasp.models.objects.rigid_object import builtin_objects, find_objects, load_object
 from feasigrasp_lab.training.data.raycasting import Raycaster
 
 
@@ -239,9 +239,9 @@ def test_catalogue_with_a_bad_mass(tmp_path):
 
 def test_folder_without_meshes(tmp_path):
     with pytest.raises(MeshError, match="no mesh files"):
-        load_objects(tmp_path)
+        find_objects(tmp_path)
     with pytest.raises(MeshError, match="no such folder"):
-        load_objects(tmp_path / "gone")
+        find_objects(tmp_path / "gone")
 
 
 def test_what_was_made_of_a_large_file_is_kept(tmp_path, monkeypatch, capsys):

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from feasigrasp.models.objects.rigid_object import (
     DEFAULT_DENSITY,
     builtin_objects,
+    find_objects,
     load_object,
-    load_objects,
     write_mesh,
 )
 
@@ -184,7 +184,7 @@ def test_folder_of_meshes_is_loaded_in_order(tmp_path):
     export(trimesh.creation.box([0.05] * 3), tmp_path / "b.stl")
     export(trimesh.creation.icosphere(radius=0.03), tmp_path / "a.ply")
     (tmp_path / "readme.txt").write_text("not a mesh")
-    assert [o.name for o in load_objects(tmp_path)] == ["a", "b"]
+    assert [o.name for o in map(load_object, find_objects(tmp_path).values())] == ["a", "b"]
 
 
 def test_catalogue_beside_the_meshes_folder_gives_the_masses(tmp_path):
@@ -193,14 +193,18 @@ def test_catalogue_beside_the_meshes_folder_gives_the_masses(tmp_path):
     entry = {"name": "cube", "mesh": "meshes/cube.obj", "mass_kg": 0.321}
     (tmp_path / "any.json").write_text(json.dumps({"objects": [entry]}))
     (tmp_path / "a_broken.json").write_text("{")
-    for obj in (load_object(path), load_object(tmp_path / "cube"), *load_objects(tmp_path)):
+    for obj in (
+        load_object(path),
+        load_object(tmp_path / "cube"),
+        *map(load_object, find_objects(tmp_path).values()),
+    ):
         assert (obj.name, obj.mass) == ("cube", 0.321)
 
 
 def test_ycb_objects_load_with_their_masses_and_inertias(shared_data):
     ycb = shared_data / "ycb"
     listed = {e["name"]: e for e in json.loads((ycb / "ycb.json").read_text())["objects"]}
-    objects = load_objects(ycb)
+    objects = [load_object(path) for path in find_objects(ycb).values()]
     assert [o.name for o in objects] == sorted(listed)
     for obj in objects:
         entry = listed[obj.name]

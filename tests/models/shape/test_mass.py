@@ -10,7 +10,7 @@ from feasigrasp.models.grasps.pad_load import (
     TYPICAL_VOLUME,
     estimate_mass,
 )
-from feasigrasp.models.objects.rigid_object import load_objects
+from feasigrasp.models.objects.rigid_object import find_objects, load_object
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.resources import model_path
 
@@ -46,7 +46,7 @@ def test_a_weighed_object_has_its_mass():
 def test_most_objects_weigh_what_is_expected():
     """Of the built-in ones two thirds within a standard deviation, nearly all within two."""
     off = []
-    for obj in load_objects(model_path("objects")):
+    for obj in map(load_object, find_objects(model_path("objects")).values()):
         guessed = estimate_mass(field_of(obj.mesh)).mass
         off.append(abs(np.log(obj.mass / guessed)) / MASS_SPREAD)
     assert np.mean(np.array(off) < 1.0) > 0.6
