@@ -39,8 +39,7 @@ from feasigrasp.models.sensors.camera_errors import MATERIALS
 from feasigrasp.models.sensors.joint_errors import JointErrors
 from feasigrasp.models.shape.completion import DEFAULT, field_names
 from feasigrasp.plugins import plugins
-from feasigrasp.scenario.cell import CellConfig
-from feasigrasp.scenario.distractor_bodies import CarrierConfig, DistractorConfig
+from feasigrasp.scenario.cell import CarrierConfig, CellConfig, DistractorConfig
 from feasigrasp.scenario.faults import AnyFault
 from feasigrasp.scenario.parts import Options, Part, PartConfig
 

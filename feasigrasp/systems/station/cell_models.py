@@ -33,7 +33,7 @@ from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.models.sensors.joint_errors import JointErrors
 from feasigrasp.resources import model_path
-from feasigrasp.scenario.distractor_bodies import CarrierConfig
+from feasigrasp.scenario.cell import CarrierConfig
 from feasigrasp.scenario.schema import ObjectConfig
 
 #: Gains of the joints' PD controllers, from the base to the flange [Nm/rad], [Nm s/rad]. The second
