@@ -37,6 +37,7 @@ NAMES = (
     "ReachBezierMocap",
     "ReachObstacleMocap",
     "Static",
+    "StaticCamera",
     "PaperCircular",
     "PaperLinear",
     "PaperSinusoidal",
