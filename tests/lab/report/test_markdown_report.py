@@ -183,3 +183,17 @@ def test_ablations_have_a_table_of_their_own(tmp_path):
     assert "| all-full/task/safe | 97.0 [90.0, 100.0] | - | - | 5 |" in text
     assert "| all-no-density/task/safe | 91.0 [85.0, 96.0] | -6.0 [-9.0, -2.0] | 4.25 | 5 |" in text
     assert "ReachLinearMocap-full" not in text and "Grasping moving objects" not in text
+
+
+def test_runs_that_constants_were_chosen_on_have_tables_of_their_own(tmp_path):
+    other, tuned = (
+        row("dynamic.held_percent", f"{first}ReachLinear/task/safe", held, n=18)
+        for first, held in (("", 69.4), ("tuned:", 94.4))
+    )
+    write(tmp_path, [other, tuned], conditions=CONDITIONS | {"tuned": None})
+    assert cli.main(["report", str(tmp_path)]) == 0
+    text = (tmp_path / "report.md").read_text()
+    untuned_part, tuned_part = text.split("## Runs that constants were chosen on")
+    assert "69.4" in untuned_part and "94.4" not in untuned_part
+    assert "94.4" in tuned_part and "69.4" not in tuned_part
+    assert "constants were chosen on the runs of presets `tuned:`" in untuned_part
