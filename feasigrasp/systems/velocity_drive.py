@@ -93,5 +93,5 @@ class VelocityDrive(LeafSystem):
         desired = np.empty(2 * IIWA_7.joints)
         q_next, v_next = desired[: IIWA_7.joints], desired[IIWA_7.joints :]
         bounds = self._period, self.MAX_LEAD, self._speed
-        fault = drive_step_kernel(q, v, command, measured, *bounds, q_next, v_next)
+        fault = drive_step_kernel(q, v, command, measured, bounds, q_next, v_next)
         return desired, fault

@@ -126,7 +126,7 @@ def test_the_hardest_commands_keep_the_true_acceleration():
     desired, v = [np.concatenate([q, 0.0 * q])], np.zeros(7)
     for command in switches[:n]:
         q_next, v_next = np.empty(7), np.empty(7)
-        drive_step_kernel(q, v, command, q, period, 0.1, 1.0, q_next, v_next)
+        drive_step_kernel(q, v, command, q, (period, 0.1, 1.0), q_next, v_next)
         q, v = q_next, v_next
         desired.append(np.concatenate([q, v]))
     times = period * np.arange(n + 1)

@@ -121,6 +121,6 @@ class CommandGuard:
             )
         q, v = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
         bounds = self._period, self.MAX_LEAD, self._speed
-        drive_step_kernel(self._q, self._v, wish, measured, *bounds, q, v)
+        drive_step_kernel(self._q, self._v, wish, measured, bounds, q, v)
         self._q, self._v = q, v
         self.moving = bool(np.any(v != 0.0))

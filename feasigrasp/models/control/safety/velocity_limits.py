@@ -100,7 +100,7 @@ def is_fault_kernel(command):
 
 
 @compiled
-def drive_step_kernel(q, v, command, measured, period, lead, speed, q_next, v_next):
+def drive_step_kernel(q, v, command, measured, bounds, q_next, v_next):
     """Writes the next desired positions and velocities (7,), inside all limits.
 
     Args:
@@ -108,15 +108,15 @@ def drive_step_kernel(q, v, command, measured, period, lead, speed, q_next, v_ne
         v: The velocity that led there [rad/s], shape (7,).
         command: Commanded velocity [rad/s], shape (7,); one that is a fault counts as zero.
         measured: Measured positions [rad], shape (7,); not looked at where not finite.
-        period: Of the control [s].
-        lead: How far the desired position may be ahead of the measured one [rad].
-        speed: Share of the velocity limits that may be used, in (0, 1].
+        bounds: Period of the control [s]; how far the desired position may be ahead of the measured
+            one [rad]; share of the velocity limits that may be used, in (0, 1].
         q_next: Written, shape (7,).
         v_next: Written, shape (7,).
 
     Returns:
         Whether the command is a fault.
     """
+    period, lead, speed = bounds
     fault = is_fault_kernel(command)
     for i in range(IIWA_7.joints):
         a = IIWA_7.acceleration_share * IIWA_7.acceleration_limits[i]

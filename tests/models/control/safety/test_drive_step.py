@@ -26,7 +26,7 @@ def sent(q, commands, *, measured=None, period=0.005, lead=LEAD, speed=1.0):
     for k, command in enumerate(commands):
         here = q if measured is None else measured(k, q)
         q_next, v_next = np.empty(7), np.empty(7)
-        faults += drive_step_kernel(q, v, command, here, period, lead, speed, q_next, v_next)
+        faults += drive_step_kernel(q, v, command, here, (period, lead, speed), q_next, v_next)
         # What is called the desired velocity is the difference of the positions.
         np.testing.assert_allclose(v_next * period, q_next - q, atol=1e-12)
         q, v = q_next, v_next
