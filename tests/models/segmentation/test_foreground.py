@@ -188,6 +188,16 @@ def test_with_a_field_the_object_is_followed_whatever_else_there_is():
     np.testing.assert_array_equal(found == Label.OBJECT, shows == 2)
 
 
+@pytest.mark.parametrize("wall", [0.8, 0.52])
+def test_a_wall_of_no_model_is_seen_to_be_too_large(wall):
+    """At once, in the first image, although the ball stands 3 cm before it or shows far less."""
+    found, shows = labels([[0.05, 0.0, 0.45]], bodies=ModeledBodies(GRIPPER), wall=wall)
+    np.testing.assert_array_equal(found == Label.OBJECT, shows == 1)
+    on_wall = found[(shows == 0) & (found != Label.UNCLEAR)]  # the rest is out of reach, or an edge
+    assert (on_wall == Label.SURROUNDINGS).all()
+    assert len(on_wall) > 0.7 * np.count_nonzero(shows == 0)
+
+
 def test_what_touches_a_larger_body_is_found_pixel_by_pixel():
     """The ball rests against a wall that nobody knows of."""
     ball = [0.0, 0.0, 0.50]
