@@ -47,7 +47,7 @@ def conditions_text(found: Mapping[str, Any]) -> str:
         f"tracking: {_either(found['tracking'])}",
         f"segmentation: {_either(found['segmentation'])}",
         f"object frame: {found['object_frame']}",
-        f"friction {_either(found['friction'], '{:.3g}')}",
+        f"friction {_either(found['friction'])}",
         *(f"{key}: {_either(found[key])}" for key in ("mass", "execution") if key in found),
         f"{len(objects)} object{'s' * (len(objects) > 1)}: {', '.join(objects)}",
         f"seeds {_ranges(found['seeds'])}",
@@ -116,7 +116,7 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
         "tracking": _common(runs, lambda s: _tracking(s.tracker)),
         "segmentation": _common(runs, _segmentation),
         "object_frame": _common(runs, lambda s: _FRAME[s.tracker.kind]),
-        "friction": _common(runs, lambda s: s.object.friction),
+        "friction": _common(runs, _friction),
         "mass": _common(runs, _mass),
         "execution": _common(runs, _execution),
         "objects": list(dict.fromkeys(planned.object_name for planned in runs)),
@@ -124,6 +124,13 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
         "seeds": sorted({planned.scenario.random_seed for planned in runs}),
         "tuned": tuned.pop() if len(tuned) == 1 else None,
     }
+
+
+def _friction(scenario: Scenario) -> float | str:
+    friction = scenario.object.friction
+    if isinstance(friction, float | int):
+        return friction
+    return f"{friction.min:g} to {friction.max:g}"
 
 
 def _segmentation(scenario: Scenario) -> str:
@@ -151,6 +158,8 @@ def _camera(scenario: Scenario) -> str:
     size = f"{name}, {camera.width} x {camera.height}"
     if noise is None:
         return f"{size}, without noise"
+    if scenario.sensors.error_factor != 1.0:
+        noise = noise | {"errors times": scenario.sensors.error_factor}
     changed = ", ".join(f"{key} {value:g}" for key, value in sorted(noise.items()))
     return f"{size}, noise of a D435" + (f" with {changed}" if changed else "")
 
