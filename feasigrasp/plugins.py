@@ -14,7 +14,8 @@ Kinds, each with what an entry point of it is:
 - ``ik_sources``: a function as `closed_form_configurations` of
   `feasigrasp.models.control.joint.sources`.
 - ``judges``: a function ``(scenario, reachability) ->
-  feasigrasp.models.reach.predicted_reachability.Judge``.
+  feasigrasp.models.reach.predicted_reachability.Judge``, or a system with the ports of
+  `feasigrasp.systems.reachability_filter.ReachabilityFilter`.
 - ``modes``: an object as `feasigrasp.scenario.modes.Mode`.
 - ``samplers``: a function ``(gripper, n_candidates=, n_grasps=, least_score=, seed=)``.
 

@@ -55,7 +55,7 @@ ORDER = (
     ("cli",),
     ("lab.networks", "lab.arm"),
     ("lab.paper",),
-    ("lab.results", "lab.baselines"),
+    ("lab.results", "lab.baselines", "lab.horizon"),
     ("lab.training.data", "lab.training.reachability"),
     ("lab.training",),
     ("lab.protocols",),

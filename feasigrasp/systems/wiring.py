@@ -128,6 +128,8 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "object_pose": "tracker.object_pose",
         "object_velocity": "tracker.object_velocity",
         "object_motion": "tracker.object_motion",
+        "position": _POSITION,
+        "desired_velocity": "drive.desired_velocity",
     },
     "clear_hand_poses": {
         "grasps": "reachability.grasps",

@@ -158,13 +158,14 @@ def make_rollout(
         (drive.GetOutputPort("desired_velocity"), "desired_velocity"),
         (tracker.GetOutputPort("object_motion"), "object_motion"),
     ):
-        if follow.HasInputPort(port):  # a controller may do without
-            connect(source_port, follow.GetInputPort(port))
-    connect(tracker.GetOutputPort("object_motion"), reach.GetInputPort("object_motion"))
+        for system in (reach, follow):  # each may do without
+            if system.HasInputPort(port):
+                connect(source_port, system.GetInputPort(port))
     # The arm is where the drive wants it to be.
     connect(drive.GetOutputPort("desired_state"), arm.get_input_port())
-    for system in (follow, drive):
-        connect(arm.get_output_port(0), system.GetInputPort("position"))
+    for system in (reach, follow, drive):
+        if system.HasInputPort("position"):
+            connect(arm.get_output_port(0), system.GetInputPort("position"))
     connect(drive.GetOutputPort("desired_state"), metrics.GetInputPort("state"))
     connect(pose.get_output_port(), metrics.GetInputPort("object_pose"))
     connect(reachable.get_output_port(), metrics.GetInputPort("grasps"))

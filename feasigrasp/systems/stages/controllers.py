@@ -69,12 +69,14 @@ def make_static_grid(scenario: Scenario) -> ObstacleGrid | None:
     return static_grid(obstacles)
 
 
-def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> ReachabilityFilter:
+def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> LeafSystem:
     """The reachability filter of a scenario; the paper's modes skip the approach corridor."""
     config = scenario.reachability
     judge: Judge = reachability
     if config.method != EXACT:
         judge = load_plugin("judges", config.method)(scenario, reachability)
+        if isinstance(judge, LeafSystem):  # a filter of its own
+            return judge
     return ReachabilityFilter(
         judge,
         horizon=config.horizon,

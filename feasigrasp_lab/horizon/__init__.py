@@ -1,0 +1,1 @@
+"""Receding-horizon control: an experiment beside the controllers of the product."""

@@ -1,0 +1,296 @@
+"""Interception of grasps of a moving object: which can be followed, from when on, and how long.
+
+A grasp on a predicted path is *intercepted* at the first instant at which the joints can be there
+with the velocity of the path, from their present positions and velocities and within their velocity
+and acceleration limits. From there on its path is followed at fixed branch and arm angle until a
+joint exceeds a limit of position, velocity or acceleration, or the arm collides. A grasp has many
+configurations; the one of least cost counts::
+
+    cost = interception time + lack max(0, enough - duration) + strain max(0, a - easy)
+
+with the largest share ``a`` of the acceleration limits on the path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.arrays import Array, Frozen, Indices, record
+from feasigrasp.models.compiled import compiled
+from feasigrasp.models.control.planning.continuation import (
+    branch_kernel,
+    flange_pose_kernel,
+    solve_kernel,
+)
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.ik.redundancy import travel_times_kernel
+from feasigrasp.models.ik.self_motion import (
+    arm_angle_kernel,
+    inside_limits_kernel,
+    next_nearest_kernel,
+    self_motion_kernel,
+)
+from feasigrasp.models.reach.kernels import REACHABLE, hand_verdict_kernel, make_scratch
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
+from feasigrasp.models.robot.iiwa import IIWA_7
+
+#: An arm that is late by less than this is in time: the errors of an arm that follows [s].
+_IN_TIME = 0.04
+
+
+@dataclass(frozen=True)
+class InterceptionOptions:
+    """Instants, limits and cost weights of the search for interceptions.
+
+    Attributes:
+        step: Between the instants of the predicted path [s]; chosen so that a joint that swings at
+            5 rad/s has 10 of them per period.
+        instants: Number of instants.
+        latest: Number of the last instant at which a grasp may be intercepted.
+        tries: Configurations per grasp and instant, the nearest first.
+        enough: Duration from which on longer is not better [s]; dwell, closing and squeezing take
+            0.9 s.
+        lack: Cost of a missing second [s]. It, ``strain`` and ``easy`` were chosen among two or
+            three values on the circle at 0.6 m/s, seeds 101 to 103.
+        strain: Cost of the largest share of the acceleration limits within ``enough`` [s] ...
+        easy: ... beyond this share.
+        velocity: Share of the velocity limits to get there, that of the safety filter.
+        acceleration: Share of the acceleration limits, likewise.
+        faster: A path may ask for this many times more velocity, since the arm angle need not stay
+            fixed.
+        harder: Likewise for acceleration.
+        way_in: Distance behind the grasp that must be inside the joint limits as well [m].
+    """
+
+    step: float = 0.125
+    instants: int = 26
+    latest: int = 13
+    tries: int = 4
+    enough: float = 1.0
+    lack: float = 2.0
+    strain: float = 2.0
+    easy: float = 0.7
+    velocity: float = 0.9
+    acceleration: float = 0.95
+    faster: float = 1.1
+    harder: float = 1.3
+    way_in: float = 0.05
+
+    @cached_property
+    def record(self) -> NDArray[np.void]:
+        """The options for kernels."""
+        return record(self)
+
+    def times(self, now: float) -> Array:
+        """The instants from now on [s]: multiples of ``step``, so that none recedes.
+
+        Args:
+            now: The time [s].
+        """
+        start = float(np.ceil(now / self.step - 1e-6) * self.step - now)
+        return np.maximum(start, 0.0) + self.step * np.arange(self.instants)
+
+
+@dataclass(frozen=True, eq=False)
+class Interceptions(Frozen):
+    """When and where n grasps are intercepted.
+
+    Attributes:
+        cost: See the module, shape (n,) [s]; infinite where there is none, as ``arrival``.
+        arrival: Interception times from now on, shape (n,) [s].
+        q: Configurations then, shape (n, 7) [rad].
+        v: Their velocities, shape (n, 7) [rad/s].
+        branch: Their branches, shape (n,).
+        psi: Their arm angles, shape (n,) [rad].
+    """
+
+    cost: Array
+    arrival: Array
+    q: Array
+    v: Array
+    branch: Indices
+    psi: Array
+
+
+def find_interceptions(
+    X_OG: Array,
+    X_WO: Array,
+    q: Array,
+    v: Array,
+    reachability: Reachability,
+    options: InterceptionOptions,
+    now: float = 0.0,
+    present: tuple[int, float] | None = None,
+) -> Interceptions:
+    """Interceptions of grasps, each by its own best configuration.
+
+    Args:
+        X_OG: Grasps in the object frame, shape (n, 4, 4) [m].
+        X_WO: Predicted poses of the object at ``options.times(now)``, shape (k, 4, 4) [m].
+        q: Joint positions [rad], shape (7,).
+        v: Joint velocities [rad/s], shape (7,).
+        reachability: Hand, limits and clearances.
+        options: Instants, limits and weights.
+        now: The time [s].
+        present: Branch and arm angle [rad] to which the last grasp is bound; None if it is not.
+    """
+    n = len(X_OG)
+    found = Interceptions(
+        np.full(n, np.inf),
+        np.full(n, np.inf),
+        np.zeros((n, IIWA_7.joints)),
+        np.zeros((n, IIWA_7.joints)),
+        np.full(n, -1),
+        np.zeros(n),
+    )
+    _interceptions_kernel(
+        *(np.array(X_OG, dtype=float), np.array(X_WO, dtype=float)),
+        *(np.array(q, dtype=float), np.array(v, dtype=float), float(options.times(now)[0])),
+        *((-1, 0.0) if present is None else present),
+        *(se3.inverse(reachability.gripper.X_FG), reachability.search, options.record),
+        *(found.cost, found.arrival, found.q, found.v, found.branch, found.psi),
+    )
+    return found
+
+
+@compiled
+def least_time_kernel(way, v_0, v_1, speed, acceleration):
+    """Least time in which a joint goes ``way`` [rad] from velocity ``v_0`` to ``v_1`` [s].
+
+    It accelerates, keeps ``speed`` if it reaches it, and decelerates. With the way d and the
+    acceleration a, the peak is ``v_p = sqrt(a d + (v_0^2 + v_1^2) / 2)``.
+    """
+    direct = 0.5 * (v_0 + v_1) * abs(v_1 - v_0) / acceleration
+    if way < direct:
+        way, v_0, v_1 = -way, -v_0, -v_1
+    square = 0.5 * (v_0 * v_0 + v_1 * v_1)
+    peak = np.sqrt(max(acceleration * way + square, 0.0))
+    if peak <= speed:
+        return (2.0 * peak - v_0 - v_1) / acceleration
+    plateau = (way - (speed * speed - square) / acceleration) / speed
+    return (2.0 * speed - v_0 - v_1) / acceleration + plateau
+
+
+@compiled
+def _is_admissible(q, search):
+    return inside_limits_kernel(q, search.limit_margin) and is_clear_kernel(
+        q, search.open, search.clearance, search.floor
+    )
+
+
+@compiled
+def _follow_kernel(k, X_OG, X_WO, q, branch, psi, X_GF, search, o, v):
+    """Follows a grasp from instant k on; writes the first velocity into v (7,).
+
+    Returns the number of steps, and the largest share of the acceleration limits.
+    """
+    X_WF, before, after = np.empty((4, 4)), q.copy(), np.empty(IIWA_7.joints)
+    v_before, hardest, end = np.zeros(IIWA_7.joints), 0.0, k + int(o.enough / o.step)
+    for m in range(k + 1, len(X_WO)):
+        flange_pose_kernel(X_WO[m], X_OG, 0.0, X_GF, X_WF)
+        if not solve_kernel(X_WF, branch, psi, after):
+            return m - k - 1, hardest
+        for j in range(IIWA_7.joints):
+            speed = (after[j] - before[j]) / o.step
+            share = abs(speed - v_before[j]) / (o.step * IIWA_7.acceleration_limits[j])
+            too_hard = m > k + 1 and share > o.harder * o.acceleration
+            if too_hard or abs(speed) > o.faster * o.velocity * IIWA_7.velocity_limits[j]:
+                return m - k - 1, hardest
+            if k + 1 < m <= end:
+                hardest = max(hardest, share)
+            v_before[j] = speed
+        if not _is_admissible(after, search):
+            return m - k - 1, hardest
+        if m == k + 1:
+            v[:] = v_before
+        before[:] = after
+    return len(X_WO) - 1 - k, hardest
+
+
+@compiled
+def _cost_kernel(k, due, X_OG, X_WO, q, v, there, branch, psi, X_GF, search, o, v_there):
+    """Cost of an interception at instant k, ``due`` [s] from now, in a configuration (7,).
+
+    It is infinite if the arm is not there in time, collides there, or cannot stand back.
+    """
+    if not _is_admissible(there, search):
+        return np.inf
+    steps, hardest = _follow_kernel(k, X_OG, X_WO, there, branch, psi, X_GF, search, o, v_there)
+    if steps == 0:
+        return np.inf
+    for j in range(IIWA_7.joints):
+        least = least_time_kernel(
+            *(there[j] - q[j], v[j], v_there[j]),
+            *(
+                o.velocity * IIWA_7.velocity_limits[j],
+                o.acceleration * IIWA_7.acceleration_limits[j],
+            ),
+        )
+        if least > due + _IN_TIME:
+            return np.inf
+    X_WF, behind = np.empty((4, 4)), np.empty(IIWA_7.joints)
+    flange_pose_kernel(X_WO[k], X_OG, o.way_in, X_GF, X_WF)
+    if not solve_kernel(X_WF, branch, psi, behind):
+        return np.inf
+    if not inside_limits_kernel(behind, search.limit_margin):
+        return np.inf
+    lack = max(0.0, o.enough - o.step * steps)
+    return due + o.lack * lack + o.strain * max(0.0, hardest - o.easy)
+
+
+@compiled
+def _interceptions_kernel(
+    X_OG,
+    X_WO,
+    q,
+    v,
+    start,
+    present_branch,
+    present_psi,
+    X_GF,
+    search,
+    options,
+    cost,
+    arrival,
+    q_there,
+    v_there,
+    branches,
+    psis,
+):
+    o, scratch = options[0], make_scratch(search, q)
+    X_WF, there, velocity = np.empty((4, 4)), np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
+    for i in range(len(X_OG)):
+        bound = present_branch >= 0 and i == len(X_OG) - 1
+        for k in range(int(o.latest) + 1):
+            due = start + o.step * k
+            if due >= cost[i]:
+                break
+            flange_pose_kernel(X_WO[k], X_OG[i], 0.0, X_GF, X_WF)
+            circle = self_motion_kernel(X_WF)
+            if not circle.reached:
+                continue
+            if hand_verdict_kernel(X_WF, search, scratch.ends) != REACHABLE:
+                continue
+            if not bound:
+                travel_times_kernel(circle, q, search.limit_margin, scratch.samples)
+            for _ in range(1 if bound else int(o.tries)):
+                if bound:
+                    branch, psi = present_branch, present_psi
+                    solve_kernel(X_WF, branch, psi, there)
+                else:
+                    time = next_nearest_kernel(circle, scratch.samples, scratch.q)
+                    if time > due + _IN_TIME:
+                        break
+                    there[:] = scratch.q
+                    branch, psi = branch_kernel(there), arm_angle_kernel(there)
+                one = _cost_kernel(
+                    *(k, due, X_OG[i], X_WO, q, v, there, branch, psi, X_GF, search, o, velocity),
+                )
+                if one < cost[i]:
+                    cost[i], arrival[i], branches[i], psis[i] = one, due, branch, psi
+                    q_there[i], v_there[i] = there, velocity

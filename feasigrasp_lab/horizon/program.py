@@ -1,0 +1,221 @@
+"""Quadratic program over the joint velocities of the next second.
+
+Unknowns are the joint velocities at N knots, linear in between, ``q_k = q_0 + sum_a c_ka v_a`` with
+the trapezoidal rule c. About a plan (real-time iteration, Diehl et al., "A real-time iteration
+scheme for nonlinear optimization in optimal feedback control", SICON 2005) it solves::
+
+    min   sum_k s_k (1/2 dq_k' H_k dq_k + g_k' dq_k + w_v/2 |v_k - v_ref,k|^2)
+          + h_k w_a/2 |(v_k - v_(k-1)) / h_k - a_ref,k|^2
+    s.t.  |v_k| <= V,   |v_k - v_(k-1)| <= A h_k,
+          v_k <= g (q_max - q_k),   -v_k <= g (q_max + q_k)
+
+with the limits V, A and the gain g of the safety filter. Velocities and accelerations are penalised
+*relative* to the reference: a penalty on accelerations as such costs (w / w_n)^4 of the amplitude
+of a motion at frequency w.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import daqp
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.arrays import Array, record
+from feasigrasp.models.compiled import compiled
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.robot.iiwa import IIWA_7
+
+#: Rows of a position limit only from here on [rad].
+_NEAR_LIMIT = 0.7
+_SOFT = 8  # DAQP's flag of a constraint that may be violated with a penalty
+_N = IIWA_7.joints
+
+
+@dataclass(frozen=True)
+class ProgramOptions:
+    """Knots and weights of the program; a weight is 1 over the square of the error that counts 1.
+
+    Attributes:
+        steps: Between the knots [s]; the first is the period of the plans. 12 of them are the
+            prototype's choice: 84 unknowns, 0.4 ms.
+        position: Weight of the hand's position error [1/m^2]: 1 at 3 mm, half the tolerance of
+            closing. It and ``rotation`` were chosen among two values on the circle at 0.6 m/s.
+        rotation: Of its angle error [1/rad^2]: 1 at 0.022 rad.
+        joint: Of the joints' distance to the reference [1/rad^2]: 1 at 0.045 rad; guessed, as all
+            below.
+        velocity: Of the joint velocity relative to the reference's [s^2/rad^2].
+        acceleration: Of the joint acceleration relative to the reference's [s^4/rad^2].
+        terminal: The last knot counts as this much time more [s].
+        kernel_position: Position error at which the hand's weights are halved, so that far away the
+            joints lead [m].
+        kernel_angle: Angle error, likewise [rad].
+        near: A reference this close to the joints is followed at once, not intercepted [rad].
+        safety: Limits, those of the safety filter.
+    """
+
+    steps: tuple[float, ...] = (
+        *(0.02, 0.03, 0.04, 0.05, 0.06, 0.07),
+        *(0.08, 0.09, 0.1, 0.12, 0.14, 0.16),
+    )
+    position: float = 1e5
+    rotation: float = 2e3
+    joint: float = 500.0
+    velocity: float = 2.0
+    acceleration: float = 0.3
+    terminal: float = 0.3
+    kernel_position: float = 0.15
+    kernel_angle: float = 0.8
+    near: float = 0.3
+    safety: SafetyOptions = field(default_factory=SafetyOptions)
+
+    @cached_property
+    def h(self) -> Array:
+        """Between the knots, shape (N,) [s]."""
+        return np.array(self.steps)
+
+    @cached_property
+    def times(self) -> Array:
+        """Times of all knots from now on, shape (N + 1,) [s]."""
+        return np.concatenate([[0.0], np.cumsum(self.steps)])
+
+    @cached_property
+    def most_v(self) -> Array:
+        """Velocity limits, shape (7,) [rad/s]."""
+        share = self.safety.speed * self.safety.velocity_scale
+        return np.asarray(share * IIWA_7.velocity_limits)
+
+    @cached_property
+    def most_a(self) -> Array:
+        """Acceleration limits, shape (7,) [rad/s^2]."""
+        return np.asarray(self.safety.acceleration_scale * IIWA_7.acceleration_limits)
+
+    @cached_property
+    def trapezoid(self) -> Array:
+        """Coefficients c of the positions at the knots, shape (N, N) [s]."""
+        h, n = self.h, len(self.h)
+        c = np.tril(np.tile(0.5 * (h + np.append(h[1:], 0.0)), (n, 1)), -1)
+        c[np.diag_indices(n)] = 0.5 * h
+        return c
+
+    @cached_property
+    def record(self) -> NDArray[np.void]:
+        """The weights for kernels."""
+        return record(self)
+
+
+def positions(q: Array, v: Array, options: ProgramOptions) -> Array:
+    """Positions (N, 7) [rad] at the knots after now, for velocities (N + 1, 7) [rad/s]."""
+    return np.asarray(q + np.cumsum(0.5 * options.h[:, None] * (v[:-1] + v[1:]), axis=0))
+
+
+def solve_program(
+    q: Array, v: Array, H: Array, g: Array, v_ref: Array, options: ProgramOptions
+) -> Array | None:
+    """Velocities (N + 1, 7) [rad/s] of the plan; None without a solution.
+
+    Args:
+        q: Joint positions now [rad], shape (7,).
+        v: Velocities of the plan about which the cost is quadratic, shape (N + 1, 7) [rad/s], the
+            first those of the arm.
+        H: Hessians of the cost in the positions, shape (N, 7, 7).
+        g: Its gradients, shape (N, 7).
+        v_ref: Velocities of the reference, shape (N, 7) [rad/s].
+        options: Knots, weights and limits.
+    """
+    h, safety = options.h, options.safety
+    a_ref = np.diff(v_ref, axis=0) / h[1:, None]
+    a_ref = np.clip(np.concatenate([a_ref[:1], a_ref]), -options.most_a, options.most_a)
+    share = h.copy()
+    share[-1] += options.terminal
+    most_q = np.array(IIWA_7.position_limits) - safety.position_margin
+    near = np.abs(positions(q, v, options)) > most_q - _NEAR_LIMIT
+    n, m = _N * len(h), int(near.sum())
+    big, f, rows = np.zeros((n, n)), np.zeros(n), np.zeros((n - _N + m, n))
+    lower, upper = np.empty(n + len(rows)), np.empty(n + len(rows))
+    _program_kernel(
+        *(q, v, h, options.trapezoid, H, g, v_ref, a_ref, share, near),
+        *(options.velocity, options.acceleration, safety.approach_gain, safety.speed_gain),
+        *(most_q, options.most_v, options.most_a, big, f, rows, lower, upper),
+    )
+    senses = np.zeros(len(upper), dtype=np.intc)
+    senses[len(upper) - m :] = _SOFT
+    step, _, status, _ = daqp.solve(big, f, rows, upper, lower, senses)
+    if status <= 0 or not np.isfinite(step).all():
+        return None
+    return np.concatenate([v[:1], v[1:] + step.reshape(-1, _N)])
+
+
+@compiled
+def _program_kernel(
+    q,
+    v,
+    h,
+    c,
+    H,
+    g,
+    v_ref,
+    a_ref,
+    share,
+    near,
+    w_v,
+    w_a,
+    gain,
+    speed_gain,
+    most_q,
+    most_v,
+    most_a,
+    big,
+    f,
+    rows,
+    lower,
+    upper,
+):
+    """Writes the program in the changes of the velocities v (N + 1, 7)."""
+    n = len(h)
+    for k in range(n):
+        for a in range(k + 1):
+            weight = share[k] * c[k, a]
+            for i in range(_N):
+                f[a * _N + i] += weight * g[k, i]
+            for b in range(k + 1):
+                both = weight * c[k, b]
+                for i in range(_N):
+                    for j in range(_N):
+                        big[a * _N + i, b * _N + j] += both * H[k, i, j]
+    for k in range(n):
+        for i in range(_N):
+            x = k * _N + i
+            change = v[k + 1, i] - v[k, i]
+            slope = change / h[k] - a_ref[k, i]
+            big[x, x] += share[k] * w_v + w_a / h[k]
+            f[x] += share[k] * w_v * (v[k + 1, i] - v_ref[k, i]) + w_a * slope
+            upper[x], lower[x] = most_v[i] - v[k + 1, i], -most_v[i] - v[k + 1, i]
+            if k > 0:
+                big[x - _N, x - _N] += w_a / h[k]
+                big[x, x - _N] -= w_a / h[k]
+                big[x - _N, x] -= w_a / h[k]
+                f[x - _N] -= w_a * slope
+                rows[x - _N, x], rows[x - _N, x - _N] = 1.0, -1.0
+                upper[_N * (n - 1) + x] = most_a[i] * h[k] - change
+                lower[_N * (n - 1) + x] = -most_a[i] * h[k] - change
+    for i in range(_N):  # the first step as the safety filter has it
+        change, most = v[1, i] - v[0, i], most_a[i] * h[0]
+        faster = min(most, max(speed_gain * h[0] * (most_v[i] - v[0, i]), -v[0, i], 0.0))
+        slower = min(most, max(speed_gain * h[0] * (most_v[i] + v[0, i]), v[0, i], 0.0))
+        upper[i] = max(min(upper[i], faster - change), -most - change)
+        lower[i] = min(max(lower[i], -slower - change), most - change)
+    r, position = _N * (n - 1), q.copy()
+    for k in range(n):
+        for i in range(_N):
+            position[i] += 0.5 * h[k] * (v[k, i] + v[k + 1, i])
+            if near[k, i]:
+                for a in range(k + 1):
+                    rows[r, a * _N + i] = gain * c[k, a]
+                rows[r, k * _N + i] += 1.0
+                at = v[k + 1, i] + gain * position[i]
+                upper[_N * n + r] = gain * most_q[i] - at
+                lower[_N * n + r] = -gain * most_q[i] - at
+                r += 1
