@@ -17,8 +17,7 @@ from typing import Any
 from numba.core.dispatcher import Dispatcher
 
 from feasigrasp import cli
-from feasigrasp.warm_up.kernels import FILE, GROUPS
-from feasigrasp.warm_up.signatures import signature_text
+from feasigrasp.warm_up.kernels import FILE, GROUPS, signature_text
 
 #: What is run with every controller: by the camera alone, and with the pose given.
 RUNS = [

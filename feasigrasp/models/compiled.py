@@ -1,5 +1,9 @@
 """The numba decorator: cached, deterministic, independent of the first caller.
 
+Numba compiles a function anew when its own file has changed. It misses changes of *another* file,
+whose functions it inlined or whose constants it froze. So the stamp of a cached function is here a
+hash of its source and of all that this one imports of its package, directly or not.
+
 Where an option is left out, numba takes ``fastmath``, ``error_model`` and ``forceinline`` from the
 function that happens to be compiled when this one is called for the first time; what the cache then
 holds, and with it the last bits of every result, depends on the order of calls. So all three are
@@ -13,10 +17,15 @@ tests/models/test_compiled.py watches over it. `fused` is for the rest.
 
 from __future__ import annotations
 
+import hashlib
+import re
 from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from numba import njit, types
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.extending import intrinsic
 
 
@@ -33,7 +42,70 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     ours |= {"fastmath": False, "forceinline": False}
     ours["no_cfunc_wrapper"] = True  # no function's address is taken; 6 % of the time to compile
     decorator: Any = njit(**(ours | options))
-    return decorator if function is None else decorator(function)
+
+    def decorated(of: Callable[..., Any]) -> Any:
+        dispatcher = decorator(of)
+        if isinstance(cache := dispatcher._cache, FunctionCache):
+            stamp = sources_hash(Path(of.__code__.co_filename), of.__module__)
+            cache._cache_file = _Index(cache.cache_path, cache._impl.filename_base, stamp)
+        return dispatcher
+
+    return decorated if function is None else decorated(function)
+
+
+class _Index(IndexDataCacheFile):
+    """Cache files of a function; one that is broken, or names a type that is gone, is none."""
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            found: dict[Any, str] = super()._load_index()
+        except Exception:
+            return {}
+        return found
+
+    def _load_data(self, name: str) -> Any:
+        try:
+            return super()._load_data(name)
+        except Exception as error:
+            raise FileNotFoundError(f"{name} cannot be read") from error  # numba compiles then
+
+
+#: What a module imports: ``from THIS import THESE`` or ``import THIS``.
+_IMPORT = re.compile(
+    r"^\s*(?:from\s+([\w.]+)\s+import\s+(\([^)]*\)|.*)|import\s+([\w.]+))", re.MULTILINE
+)
+
+
+@cache
+def sources_hash(file: Path, module: str) -> str:
+    """Hash of a module's source and of all that it imports of its package, directly or not.
+
+    Args:
+        file: The source.
+        module: The name of the module; packages whose names begin as its own does, such as
+            ``feasigrasp`` and ``feasigrasp_lab``, count as one.
+    """
+    root, package = file.parents[module.count(".")], re.split(r"[._]", module)[0]
+    found, to_do = dict[Path, bytes](), [file]
+    while to_do:
+        if (each := to_do.pop()) not in found:
+            found[each], imported = _source(each, root, package)
+            to_do += imported
+    parts = (f"{each.relative_to(root)} {found[each].hex()}" for each in sorted(found))
+    return hashlib.sha256(" ".join(parts).encode()).hexdigest()
+
+
+@cache
+def _source(file: Path, root: Path, package: str) -> tuple[bytes, tuple[Path, ...]]:
+    """Hash of a source, and the sources of its package that it imports."""
+    text = file.read_bytes()
+    names = list[str]()
+    for origin, imported, alone in _IMPORT.findall(text.decode()):
+        if (name := origin or alone).startswith(package):
+            names += [name, *(f"{name}.{word}" for word in re.findall(r"\w+", imported))]
+    paths = (root / name.replace(".", "/") for name in names)
+    files = (f for path in paths for f in (path.with_suffix(".py"), path / "__init__.py"))
+    return hashlib.sha256(text).digest(), tuple(f for f in files if f.is_file())
 
 
 # Multiply and add with one rounding. ``fastmath={"contract"}`` lets the compiler fuse wherever it

@@ -1,6 +1,7 @@
 """List of compiled functions and argument types of runs (``kernels.json``).
 
-The file is written by ``tools/make_kernels.py`` from what runs called.
+The file is written by ``tools/make_kernels.py`` from what runs called. Types are text in Python
+syntax: ``(float64, array(float64, 2, 'C'), named('some.module:Load', float64, int64), )``.
 """
 
 from __future__ import annotations
@@ -12,7 +13,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numba import from_dtype, types
 from numba.core.dispatcher import Dispatcher
+from numba.np.numpy_support import as_dtype
 
 from feasigrasp.errors import ArgumentError
 from feasigrasp.models.arguments import checked
@@ -29,7 +33,7 @@ class Kernel:
     Attributes:
         module: Its module.
         name: Its name there.
-        signature: Types of its arguments, see `feasigrasp.warm_up.signatures`.
+        signature: Types of its arguments, see `signature_text`.
     """
 
     module: str
@@ -85,3 +89,66 @@ def callees(code: Any) -> Iterator[Any]:
     """The compiled functions that a Python function names."""
     named = (code.__globals__.get(name) for name in code.__code__.co_names)
     return (value for value in named if isinstance(value, Dispatcher))
+
+
+def signature_text(of: Any) -> str:
+    """The text of a numba type, or of a tuple of those of all arguments.
+
+    Raises:
+        ValueError: One of them has none, e.g. because it is a function or a literal.
+    """
+    if isinstance(of, types.Array):
+        flags = {"readonly": not of.mutable, "unaligned": not of.aligned}
+        parts = [signature_text(of.dtype), *map(repr, (of.ndim, of.layout))]
+        return f"array({', '.join([*parts, *(repr(flag) for flag in flags if flags[flag])])})"
+    if isinstance(of, (types.NamedTuple, types.NamedUniTuple)):
+        named = f"{of.instance_class.__module__}:{of.instance_class.__qualname__}"
+        return f"named({', '.join([repr(named), *map(signature_text, of)])})"
+    if isinstance(of, (tuple, types.BaseAnonymousTuple)):
+        members: Any = of
+        return f"({''.join(signature_text(each) + ', ' for each in members)})"
+    if isinstance(of, types.Record):
+        dtype: Any = as_dtype(of)
+        text = f"record({[(n, dtype.fields[n][0].str) for n in dtype.names]}, {of.aligned})"
+    else:
+        plain = (name for name, known in _PLAIN.items() if known == of)
+        text = f"omitted({of.value!r})" if isinstance(of, types.Omitted) else next(plain, "")
+    if not text or parse_signature(f"({text}, )") != (of,):
+        raise ValueError(f"no text for {of}")
+    return text
+
+
+def parse_signature(text: str) -> tuple[Any, ...]:
+    """The types of all arguments, of a text of the package's own.
+
+    Raises:
+        ImportError, AttributeError: It names a class that there is not.
+    """
+    return tuple(map(_type, eval(text, {"__builtins__": {}}, _WORDS)))
+
+
+def _type(of: Any) -> Any:
+    return types.BaseTuple.from_types(tuple(map(_type, of))) if isinstance(of, tuple) else of
+
+
+def _array(dtype: Any, ndim: int, layout: Any, *flags: str) -> Any:
+    readonly, aligned = "readonly" in flags, "unaligned" not in flags
+    return types.Array(dtype, ndim, layout, readonly=readonly, aligned=aligned)
+
+
+def _named(of: str, *fields: Any) -> Any:
+    module, _, name = of.partition(":")
+    its = getattr(import_module(module), name)
+    return types.BaseTuple.from_types(tuple(map(_type, fields)), its)
+
+
+def _record(formats: list[tuple[str, str]], aligned: bool) -> Any:
+    return from_dtype(np.dtype(formats, align=aligned))
+
+
+_INTEGERS = [f"{sign}int{bits}" for sign in ("", "u") for bits in (64, 32, 16, 8)]
+_PLAIN = {n: getattr(types, n) for n in ("float64", "float32", *_INTEGERS, "boolean", "none")}
+_WORDS = {
+    **_PLAIN,
+    **{"array": _array, "named": _named, "record": _record, "omitted": types.Omitted},
+}

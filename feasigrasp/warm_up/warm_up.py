@@ -1,7 +1,12 @@
-"""Compiles kernels in as many processes as there are processors."""
+"""Compiles kernels in as many processes as there are processors.
+
+Stamp files beside the compiled code record what is compiled, of which sources, and for which
+processor.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import subprocess
 import sys
 import threading
@@ -9,12 +14,18 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import joblib
+import numba
+from numba.core.codegen import get_host_cpu_features
 
 from feasigrasp.models.arguments import checked
-from feasigrasp.warm_up.kernels import Kernel, all_callees, load_kernels
-from feasigrasp.warm_up.stamps import write_stamps
+from feasigrasp.outputs import write_text
+from feasigrasp.warm_up.kernels import FILE, Kernel, all_callees, load_kernels
+
+_MODELS = Path(__file__).parents[1] / "models"
 
 
 @dataclass(frozen=True)
@@ -140,3 +151,47 @@ def _callees_of(kernel: Kernel) -> dict[str, int]:
         return all_callees(kernel.function())
     except (ImportError, AttributeError):
         return {f"{kernel.module}.{kernel.name}": 1}  # the worker says so
+
+
+def cache_folder() -> Path:
+    """Cache folder of numba for one function, found in this order.
+
+    ``NUMBA_CACHE_DIR``, the folder of the source, and the user's cache (``~/.cache/numba``).
+
+    Raises:
+        RuntimeError: None of them can be written to.
+    """
+    from feasigrasp.models.geometry.se3_kernels import inverse_kernel
+
+    path = inverse_kernel.stats.cache_path
+    assert path is not None  # it is one that is kept
+    return Path(path)
+
+
+@checked()
+def is_warm(groups: Collection[str]) -> bool:
+    """Whether all that these runs call is compiled, for this processor and of these sources."""
+    return all(_is_this(_stamp(group)) for group in groups)
+
+
+def write_stamps(groups: Collection[str]) -> None:
+    """Notes that it is."""
+    for group in groups:
+        write_text(_stamp(group), _key())
+
+
+def _stamp(group: str) -> Path:
+    return cache_folder() / f"warm-up-{group}.stamp"
+
+
+def _is_this(stamp: Path) -> bool:
+    return stamp.is_file() and stamp.read_text() == _key()
+
+
+@cache
+def _key() -> str:
+    machine = f"{sys.version} {numba.__version__} {get_host_cpu_features()}"
+    known = hashlib.sha256(machine.encode())
+    for source in [FILE, *sorted(_MODELS.rglob("*.py"))]:
+        known.update(source.read_bytes())
+    return known.hexdigest()

@@ -12,8 +12,7 @@ import signal
 import sys
 from contextlib import suppress
 
-from feasigrasp.warm_up.kernels import Kernel
-from feasigrasp.warm_up.signatures import parse_signature
+from feasigrasp.warm_up.kernels import Kernel, parse_signature
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numba import typeof, types
 
-from feasigrasp.warm_up.signatures import parse_signature, signature_text
+from feasigrasp.warm_up.kernels import parse_signature, signature_text
 
 
 class Pair(NamedTuple):
@@ -48,11 +48,3 @@ def test_a_type_survives(argument):
 def test_what_has_no_text_is_refused(kind):
     with pytest.raises(ValueError, match="no text for"):
         signature_text((kind,))
-
-
-@pytest.mark.parametrize(
-    "text", ["float64", "(float65, )", "(open('x'), )", "(1, )", "(", "(a.b(),)"]
-)
-def test_what_is_no_signature_is_refused(text):
-    with pytest.raises((ValueError, SyntaxError)):
-        parse_signature(text)

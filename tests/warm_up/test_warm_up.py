@@ -12,8 +12,7 @@ import pytest
 import feasigrasp
 from feasigrasp import cli
 from feasigrasp.commands import warm_up as command
-from feasigrasp.warm_up.kernels import GROUPS, all_callees, load_kernels
-from feasigrasp.warm_up.signatures import parse_signature
+from feasigrasp.warm_up.kernels import GROUPS, all_callees, load_kernels, parse_signature
 from tools.make_kernels import RUNS, called_by
 
 PACKAGE = Path(feasigrasp.__file__).parent
@@ -35,8 +34,7 @@ SCRIPT = """
 import sys
 from pathlib import Path
 from feasigrasp.warm_up import is_warm, kernels, warm_up
-from feasigrasp.warm_up import stamps
-kernels.FILE = stamps.FILE = Path(sys.argv[1])
+kernels.FILE = sys.modules["feasigrasp.warm_up.warm_up"].FILE = Path(sys.argv[1])
 told = []
 print(is_warm(["task"]))
 print(warm_up(["task"], told.append))
@@ -125,7 +123,7 @@ def test_a_package_that_cannot_be_written_to_is_compiled_into_the_users_cache(tm
     for folder in [package, *filter(Path.is_dir, package.rglob("*"))]:
         (folder / "__pycache__").touch()
     script = tmp_path / "show.py"
-    script.write_text("from feasigrasp.warm_up.stamps import cache_folder; print(cache_folder())")
+    script.write_text("from feasigrasp.warm_up.warm_up import cache_folder; print(cache_folder())")
     here = {"HOME": tmp_path, "XDG_CACHE_HOME": tmp_path / "user", "PYTHONPATH": package.parent}
     (folder,) = in_a_process(script, **here)
     assert Path(folder).is_relative_to(tmp_path / "user" / "numba")

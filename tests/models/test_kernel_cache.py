@@ -1,0 +1,117 @@
+"""A kernel that calls one of another file is compiled anew when that file changes."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import feasigrasp
+
+HEAD = "from feasigrasp.models.compiled import compiled\n"
+CALLEE = HEAD + "\n@compiled\ndef f(x):\n    return x + {}\n"
+CALLER = HEAD + "from arms.inner import f\n\n@compiled\ndef g(x):\n    return 10 * f(x)\n"
+OTHER = HEAD + "\n@compiled\ndef h(x):\n    return -x\n"
+
+
+@pytest.fixture
+def package(tmp_path):
+    folder = tmp_path / "arms"
+    folder.mkdir()
+    for name, text in {
+        "__init__": "",
+        "inner": CALLEE.format(1),
+        "outer": CALLER,
+        "other": OTHER,
+    }.items():
+        (folder / f"{name}.py").write_text(text)
+    return folder
+
+
+def called(package, **environment):
+    """g(1) and h(1) in a process of their own, and how often each was loaded from the cache."""
+    code = (
+        "from arms.outer import g; from arms.other import h; print(g(1), h(1));"
+        "print(*(sum(f.stats.cache_hits.values()) for f in (g, h)))"
+    )
+    path = f"{package.parent}:{Path(feasigrasp.__file__).parents[1]}"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": path} | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.split()
+
+
+def test_an_edit_of_a_callee_counts(package):
+    assert called(package) == ["20", "-1", "0", "0"]
+    assert called(package) == ["20", "-1", "1", "1"]
+    (package / "inner.py").write_text(CALLEE.format(2))
+    assert called(package) == ["30", "-1", "0", "1"]
+    assert called(package) == ["30", "-1", "1", "1"]
+
+
+@pytest.mark.parametrize("how", ["arms.inner", "arms", "(\n"])
+def test_however_it_is_imported(package, how):
+    text = {
+        "arms.inner": "import arms.inner\nf = arms.inner.f\n",
+        "arms": "from arms import inner\nf = inner.f\n",
+        "(\n": "from arms.inner import (\n    f,\n)\n",
+    }[how]
+    (package / "outer.py").write_text(CALLER.replace("from arms.inner import f\n", text))
+    assert called(package)[:2] == ["20", "-1"]
+    (package / "inner.py").write_text(CALLEE.format(2))
+    assert called(package) == ["30", "-1", "0", "1"]
+
+
+def test_an_edit_behind_a_module_without_kernels_counts(package):
+    (package / "constants.py").write_text("MORE = 1\n")
+    inner = HEAD + "from arms.constants import MORE\n\n@compiled\ndef f(x):\n    return x + MORE\n"
+    (package / "inner.py").write_text(inner)
+    assert called(package)[:2] == ["20", "-1"]
+    (package / "constants.py").write_text("MORE = 2\n")
+    assert called(package) == ["30", "-1", "0", "1"]
+
+
+def test_a_cache_elsewhere(package, tmp_path):
+    elsewhere = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    called(package, **elsewhere)
+    assert called(package, **elsewhere) == ["20", "-1", "1", "1"]
+    assert not list(package.rglob("*.nbi"))
+    (package / "inner.py").write_text(CALLEE.format(2))
+    assert called(package, **elsewhere) == ["30", "-1", "0", "1"]
+
+
+def test_a_source_that_was_only_touched_is_not_compiled_again(package):
+    called(package)
+    os.utime(package / "outer.py", (0, 0))
+    assert called(package) == ["20", "-1", "1", "1"]
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize("kept", [0, 20])
+def test_a_file_that_was_cut_off_is_none(package, suffix, kept):
+    called(package)
+    for file in package.rglob(f"*.{suffix}"):
+        file.write_bytes(file.read_bytes()[:kept])
+    assert called(package) == ["20", "-1", "0", "0"]
+    assert called(package) == ["20", "-1", "1", "1"]
+
+
+def test_a_type_that_has_moved_is_no_obstacle(package):
+    """The index of a function names the types that it was compiled for."""
+    pair = "from typing import NamedTuple\n\nclass Pair(NamedTuple):\n    a: int\n    b: int\n"
+    take = HEAD + "\n@compiled\ndef take(pair):\n    return pair.a + pair.b\n"
+    (package / "inner.py").write_text(take)
+    call = (
+        "from arms.inner import take\nfrom arms.{} import Pair\n\n"
+        "def g(x):\n    return take(Pair(x, 1))\n"
+    )
+    for name in ("one", "other_one"):
+        (package / f"{name}.py").write_text(pair)
+        (package / "outer.py").write_text(call.format(name) + "\ng.stats = take.stats\n")
+        assert called(package)[:2] == ["2", "-1"]
+        (package / f"{name}.py").unlink()
