@@ -1,5 +1,6 @@
 """A kernel that calls one of another file is compiled anew when that file changes."""
 
+import ast
 import os
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import feasigrasp
+from feasigrasp.models.compiled import _source
 
 HEAD = "from feasigrasp.models.compiled import compiled\n"
 CALLEE = HEAD + "\n@compiled\ndef f(x):\n    return x + {}\n"
@@ -115,3 +117,18 @@ def test_a_type_that_has_moved_is_no_obstacle(package):
         (package / "outer.py").write_text(call.format(name) + "\ng.stats = take.stats\n")
         assert called(package)[:2] == ["2", "-1"]
         (package / f"{name}.py").unlink()
+
+
+def test_all_imports_of_the_package_are_found():
+    """By syntax trees: those behind comments, in functions and over several lines, too."""
+    root = Path(feasigrasp.__file__).parents[1]
+    for file in (*root.glob("feasigrasp/**/*.py"), *root.glob("feasigrasp_lab/**/*.py")):
+        names = set()
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                names |= {node.module, *(f"{node.module}.{a.name}" for a in node.names)}
+            elif isinstance(node, ast.Import):
+                names |= {a.name for a in node.names}
+        paths = [root / name.replace(".", "/") for name in names if name.startswith("feasigrasp")]
+        there = {f for p in paths for f in (p.with_suffix(".py"), p / "__init__.py") if f.is_file()}
+        assert there <= set(_source(file, root, "feasigrasp")[1]), file
