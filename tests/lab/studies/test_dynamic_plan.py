@@ -39,7 +39,8 @@ def test_a_headline_is_all_objects_under_the_conditions_of_the_scenarios(study, 
         own = given[run.name]
         assert run.scenario.camera_noise == own.camera_noise
         assert run.scenario.perception == own.perception
-        assert run.scenario.object.friction == own.object.friction
+        drawn = [(f.min, f.max) for f in (run.scenario.object.friction, own.object.friction)]
+        assert drawn[0] == drawn[1] == (0.5, 0.7)
 
 
 NOISY = "{camera_noise: {wrist_camera: {}}, perception: {latency: 0.1}}"
