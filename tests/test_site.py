@@ -10,8 +10,11 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-from tools.constants import constants
+from tools.constants import SOURCES, constants
 from tools.stored import names, read
+
+#: Packages whose constants do not say their source.
+UNSAID = tuple(f"feasigrasp.models.control.{name}." for name in ("planning", "task", "joint"))
 
 
 def test_site_is_built_without_warnings(repository, tmp_path):
@@ -41,11 +44,19 @@ def test_site_is_built_without_warnings(repository, tmp_path):
     assert "complete_shape" in docstrings and "Fits" in re.sub("<[^>]+>", "", docstrings)
 
 
-def test_constants_have_value_and_comment():
-    found = {(c.module, c.name): c for c in constants()}
+def test_constants_have_value_comment_and_source():
+    found = {(c.module, c.name): c for p in ("feasigrasp", "feasigrasp_lab") for c in constants(p)}
     share = found["feasigrasp.models.tracking.model", "NOISE_SHARE"]
     assert share.value == "0.003" and "normals" in share.comment
     assert ("feasigrasp.models.robot.iiwa", "IIWA_7") not in found
+    wrong = [
+        at
+        for at, c in found.items()
+        if not at[0].startswith(UNSAID)
+        if not c.comment or re.split(":|,|;", c.source)[0] not in SOURCES
+    ]
+    assert not wrong, "a comment above ends with 'Source: ...', see docs/developing.md"
+    assert len(found) <= 579  # goes down, never up
 
 
 @pytest.fixture(scope="module")

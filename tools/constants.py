@@ -1,4 +1,4 @@
-"""The numeric constants of the package with what their comments say: unit, meaning, source."""
+"""The numeric constants of the packages with what their comments say: unit, meaning, source."""
 
 from __future__ import annotations
 
@@ -9,6 +9,19 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
+#: What a source begins with, and what that means.
+SOURCES = {
+    "data sheet": "of the device that is named",
+    "definition": "of a metric, protocol, format or quantity",
+    "fitted": "by the command that is named",
+    "formula": "the value, or the comment, has it",
+    "guessed": "no record of another source; results depend on it as far as they were measured",
+    "layout": "of an array, a network, a list of kinds, or a picture",
+    "measured": "the comment has the figure",
+    "numerical": "rounding, convergence, or size of a block; results hardly depend on it",
+    "paper": "of the paper that is named, or of the one that is implemented",
+    "reasoned": "the comment has the reason",
+}
 
 
 class Constant(NamedTuple):
@@ -18,25 +31,30 @@ class Constant(NamedTuple):
         module: Dotted name of the module.
         name: Its name.
         value: Its value, as the source has it.
-        comment: The comment above it; empty without one.
+        comment: The comment above it, with units in brackets; empty without one.
+        source: How it was chosen, which begins with a word of `SOURCES`; empty if not said.
     """
 
     module: str
     name: str
     value: str
     comment: str
+    source: str
 
 
 def constants(package: str = "feasigrasp") -> Iterator[Constant]:
     """All numbers, and tuples of numbers, that modules of a package assign to upper-case names."""
     for file in sorted((ROOT / package).rglob("*.py")):
-        source = file.read_text()
+        text = file.read_text()
         module = ".".join(file.relative_to(ROOT).with_suffix("").parts)
-        for node in ast.parse(source).body:
+        for node in ast.parse(text).body:
             if isinstance(node, ast.Assign):
-                comment = comment_above(source.splitlines(), node.lineno - 1)
+                comment = comment_above(text.splitlines(), node.lineno - 1)
+                meaning, _, source = comment.partition("Source: ")
                 for name, value in assigned(node):
-                    yield Constant(module, name, ast.unparse(value), comment)
+                    yield Constant(
+                        module, name, ast.unparse(value), meaning.strip(), source.rstrip(". ")
+                    )
 
 
 def assigned(node: ast.Assign) -> Iterator[tuple[str, ast.expr]]:
@@ -58,10 +76,13 @@ def is_numeric(node: ast.expr) -> bool:
 
 
 def comment_above(lines: list[str], first: int) -> str:
-    """The comment that ends above a line, and what stands behind that line, as one text."""
-    start = first
+    """The comment behind a line and above it, or above constants that stand right above it."""
+    behind = re.search(r"  # (.*)", lines[first])
+    end = first
+    while end and re.match(r"[A-Z_][A-Z0-9_, ]* = |[ )]", lines[end - 1]):
+        end -= 1
+    start = end
     while start and lines[start - 1].startswith("#"):
         start -= 1
-    words = [line.lstrip("#: ") for line in lines[start:first]]
-    behind = re.search(r"  # (.*)", lines[first])
+    words = [line.lstrip("#: ") for line in lines[start:end]]
     return " ".join([*words, *([behind[1]] if behind else [])])

@@ -20,7 +20,7 @@ from mkdocs.structure.files import File, Files
 from feasigrasp.runs.results.rows import write_json
 from feasigrasp_lab.report.html_report import write_page
 from feasigrasp_lab.report.markdown_report import sections
-from tools.constants import Constant, constants
+from tools.constants import SOURCES, constants
 from tools.make_docs import ROOT, faces
 from tools.stored import names, read
 
@@ -108,16 +108,19 @@ def _docstrings() -> str:
 
 def _constants() -> str:
     rows = [
-        f"| `{c.module.removeprefix('feasigrasp.')}` | `{c.name}` | `{c.value}` | {escaped(c)} |"
-        for c in constants()
+        f"| `{c.module}` | `{c.name}` | `{c.value}` | {escaped(c.comment)} | {escaped(c.source)} |"
+        for package in ("feasigrasp", "feasigrasp_lab")
+        for c in constants(package)
     ]
-    head = "| module | name | value | unit, meaning, source |\n|---|---|---|---|\n"
-    return f"# Constants\n\nAll numeric constants of the package.\n\n{head}" + "\n".join(rows)
+    sources = "".join(f"- {word}: {meaning}\n" for word, meaning in SOURCES.items())
+    head = "| module | name | value | meaning, unit | source |\n|---|---|---|---|---|\n"
+    text = "# Constants\n\nAll numeric constants of modules. Numbers without a unit are counts or "
+    return f"{text}ratios. Sources:\n\n{sources}\n{head}" + "\n".join(rows)
 
 
-def escaped(constant: Constant) -> str:
-    """A comment as a cell of a table."""
-    return constant.comment.replace("|", "\\|")
+def escaped(text: str) -> str:
+    """A text as a cell of a table."""
+    return text.replace("|", "\\|")
 
 
 def _public_names(face: str) -> list[str]:

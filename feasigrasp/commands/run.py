@@ -40,7 +40,7 @@ from feasigrasp.warm_up import GROUPS, is_warm
 DEFAULT_SCENARIO = "ReachCircular"
 _OF_SCENARIO = "Default: the scenario's."
 #: Share of its velocity limits that an arm on hardware may use unless scenario or option say
-#: otherwise: a choice, at which the joints that are quickest turn at 45 deg/s.
+#: otherwise: a choice, at which the joints that are quickest turn at 45 deg/s. Source: reasoned.
 HARDWARE_SPEED = 0.25
 
 

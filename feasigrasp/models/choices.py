@@ -76,7 +76,7 @@ class Span(NamedTuple):
     unit: str = ""
 
 
-#: Seeds of NumPy's generators.
+#: Seeds of NumPy's generators. Source: definition: NumPy's `SeedSequence`.
 SEED = Span(0, 2**32 - 1)
 #: Angles, up to ten turns either way.
 TURN = Span(-3600.0, 3600.0, "deg")

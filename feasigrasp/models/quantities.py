@@ -18,11 +18,8 @@ from numpy.typing import NDArray
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.compiled import compiled
 
-#: Rotations whose ``R R^T`` differs from the identity by less, in every entry, are projected onto
-#: SO(3); others are refused. Four printed digits differ by 2e-4, single precision by 4e-7.
-ROTATION_TOLERANCE = 1e-3
 #: Rotations that differ by less are left as they are: rounding errors of double precision add up to
-#: 1e-13 over a hundred products.
+#: 1e-13 over a hundred products. Source: numerical.
 _EXACT = 1e-9
 _FLOAT64 = np.dtype(float)
 _KINDS = {float: "fiu", np.float32: "f", np.int64: "iu", np.bool_: "b"}
@@ -147,12 +144,16 @@ class ArrayOf:
 
     def _projected(self, array: NDArray[Any]) -> NDArray[Any]:
         """With rotations that are slightly off replaced by the nearest ones."""
+        # Rotations whose ``R R^T`` differs from the identity by less, in every entry, are projected
+        # onto SO(3); others are refused. Four printed digits differ by 2e-4, single precision by
+        # 4e-7.
+        rotation_tolerance = 1e-3
         poses = array[None] if array.ndim == 2 else array.reshape(-1, *array.shape[-2:])
         k, error = _worst_rotation(poses)
         if error <= _EXACT:
             return array
-        if error > ROTATION_TOLERANCE:
-            off = f"R R^T - I = {error:.1e}, limit {ROTATION_TOLERANCE:g}"
+        if error > rotation_tolerance:
+            off = f"R R^T - I = {error:.1e}, limit {rotation_tolerance:g}"
             if error == inf:
                 off = "left-handed, or its last row not 0 0 0 1"
             raise Refusal(

@@ -91,11 +91,6 @@ def _box(box: Sequence[int], height: int, width: int) -> Mask:
     return inside
 
 
-#: A median depth beyond these is a wrong unit [m]: a D405 measures from 0.07 m, and depth cameras
-#: of robots to about 10 m (data sheets).
-_PLAUSIBLE = 0.02, 20.0
-
-
 @checked(InputError)
 def read_depth(file: str | Path, unit: Positive = 1e-3) -> Array:
     """Reads a depth image.
@@ -160,15 +155,18 @@ def check_unit(file: str | Path, depth: Array, unit: float) -> None:
     Raises:
         InputError: Its median depth is nothing that a depth camera measures.
     """
+    # A median depth beyond these is a wrong unit [m]: a D405 measures from 0.07 m, and depth
+    # cameras of robots to about 10 m (data sheets).
+    plausible = 0.02, 20.0
     measured = depth[depth > 0.0]
-    if measured.size == 0 or _PLAUSIBLE[0] <= (middle := np.median(measured)) <= _PLAUSIBLE[1]:
+    if measured.size == 0 or plausible[0] <= (middle := np.median(measured)) <= plausible[1]:
         return
     scale = 1e3 * unit  # as others give it: metres per unit, or units per metre
     meant = {"metres per unit": 1e3 * scale, "units per metre": 1e3 / scale}
     fits = [
         f"; if that is {what}, depth_scale is {value:g}"
         for what, value in meant.items()
-        if _PLAUSIBLE[0] <= middle * value / scale <= _PLAUSIBLE[1]
+        if plausible[0] <= middle * value / scale <= plausible[1]
     ]
     raise InputError(
         f"{file}: its median depth is {middle:.2g} m with depth_scale {scale:g} [mm per unit], "

@@ -18,8 +18,8 @@ from feasigrasp.models.quantities import ArrayOf, Whole
 from feasigrasp.outputs import replacing, write_text
 from feasigrasp.recordings.camera_file import CameraInfo
 
-#: Images that are left out at first, until the exposure has settled; as many as librealsense's
-#: own example ``rs-save-to-disk`` leaves out.
+#: Images that are left out at first, until the exposure has settled; as many as librealsense's own
+#: example ``rs-save-to-disk`` leaves out. Source: reasoned.
 _SETTLING = 30
 
 

@@ -13,7 +13,7 @@ from feasigrasp.models.control.status import Status
 from feasigrasp.runs.metrics.cause import Cause
 from feasigrasp.runs.metrics.table import METRICS, UNITLESS, Subject
 
-#: Least wall time between two changes of the line [s].
+#: Least wall time between two changes of the line [s]. Source: guessed.
 _PERIOD = 0.1
 #: Timings of a record, with their units; they stand before the computing times.
 TIMINGS = {"simulated_s": "s", "build_s": "s", "wall_s": "s", "real_time_factor": "1"}

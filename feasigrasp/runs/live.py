@@ -70,9 +70,10 @@ class LiveServer:
 
 #: Names of the controls, and the key that presses the button.
 PAUSE, SPEED, KEY = "pause or go on", "speed [x real time]", "Space"
-#: Speeds that the slider has; at the greatest the simulation is not held up.
+#: Speeds that the slider has; at the greatest the simulation is not held up. Source: guessed.
 SLOWEST, FASTEST, STEP = 0.1, 2.0, 0.1
-#: Time between looks at the controls, the browser and the keyboard while it waits [s].
+#: Time between looks at the controls, the browser and the keyboard while it waits [s]. Source:
+#: guessed.
 _LOOK = 0.05
 
 

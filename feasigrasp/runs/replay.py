@@ -17,7 +17,7 @@ from feasigrasp.outputs import write_text
 from feasigrasp.runs.overlay import replay_overlay
 from feasigrasp.systems.monitoring.camera_pictures import Picture
 
-#: Pictures per simulated second.
+#: Pictures per simulated second. Source: layout.
 FRAMES_PER_SECOND = 32.0
 #: Browsers that take pictures without a window.
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

@@ -30,7 +30,7 @@ from feasigrasp.scenario.parts import Part, make_named
 from feasigrasp.scenario.schema import BezierPath, Scenario
 
 #: Streams of numbers that are drawn from the seed: where the object is, how the hand errs, how
-#: slippery the object is.
+#: slippery the object is. Source: layout.
 _PLACE, _HAND, _FRICTION = 1, 3, 4
 
 

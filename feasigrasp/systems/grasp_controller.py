@@ -56,10 +56,6 @@ from feasigrasp.systems.ports import (
     weakly,
 )
 
-#: Time between the commands of the warm-up: long, to be there soon [s].
-_WARM_UP_STEP = 0.04
-_AT_REST = np.zeros(6)
-
 
 class GraspController(LeafSystem):
     """Joint velocities that bring the hand to a grasp of a moving object; derive from it.
@@ -294,6 +290,8 @@ class GraspController(LeafSystem):
 
         For the end of a constructor; nothing is remembered.
         """
+        # Time between the commands of the warm-up: long, to be there soon [s]. Source: guessed.
+        warm_up_step = 0.04
         context = self.CreateDefaultContext()
         q = np.array([0.1, -0.7, 0.1, -1.6, 0.1, 1.4, 0.1])
         X_WO = RigidTransform([0.5, 0.0, 0.5])
@@ -317,7 +315,7 @@ class GraspController(LeafSystem):
             self.GetInputPort(name).FixValue(context, value)
         memory, some = self.memory(context), grasps
         for tick in range(12):
-            context.SetTime(_WARM_UP_STEP * tick)
+            context.SetTime(warm_up_step * tick)
             self.GetInputPort("position").FixValue(context, q)
             self.GetInputPort("grasps").FixValue(context, AbstractValue.Make(some))
             if tick % 4 == 0:
@@ -325,7 +323,7 @@ class GraspController(LeafSystem):
                 some = grasps.with_symmetric()
                 self._search(context)
             qd = self.velocity(memory, ControllerInputs(self, context))
-            q = q + _WARM_UP_STEP * self.in_view(qd, ControllerInputs(self, context))
+            q = q + warm_up_step * self.in_view(qd, ControllerInputs(self, context))
         self.safety.warm_up()
 
     def _declare_grid(
@@ -344,7 +342,8 @@ class GraspController(LeafSystem):
         if inputs.surface is None:
             return None
         if inputs.search_target is not None:
-            return MovingObject(inputs.surface, inputs.search_target.X_WO, _AT_REST)
+            # Twist of an object at rest. Source: definition.
+            return MovingObject(inputs.surface, inputs.search_target.X_WO, np.zeros(6))
         return MovingObject(inputs.surface, inputs.X_WO, inputs.V_WO)
 
     def _updated(self, context: Context) -> Any:

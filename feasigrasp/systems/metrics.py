@@ -15,7 +15,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import arm_condition_kernel, forward_kinematics
 from feasigrasp.systems.ports import declare_input, optional, weakly
 
-#: Time between samples [s].
+#: Time between samples [s]. Source: definition.
 SAMPLE_PERIOD = 0.02
 
 #: The entries of one sample, in order; lengths in metres, angles in radians.

@@ -21,7 +21,8 @@ from feasigrasp.models.objects.tracker_config import TrackerConfig, measured_pos
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.systems.ports import declare_cache, declare_input, declare_output, weakly
 
-_ROW = 13  # time, then the upper three rows of a pose
+#: Time, then the upper three rows of a pose. Source: layout.
+_ROW = 13
 
 
 class ObjectTracker(LeafSystem):

@@ -28,11 +28,12 @@ from feasigrasp.models.shape.grids import object_grid
 from feasigrasp.scenario.schema import PerceptionConfig
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional
 
-#: A view contradicts the earlier ones beyond this share, see `FusedCloud.contradicted`.
+#: A view contradicts the earlier ones beyond this share, see `FusedCloud.contradicted`. Source:
+#: guessed.
 MAX_CONTRADICTION = 0.3
 #: Consecutive views that contradict the earlier ones, and not each other, are right if they
 #: show this share of the surface that the earlier ones did: a close look at a part is no reason to
-#: forget the rest.
+#: forget the rest. Source: guessed.
 OUTVOTING, OUTVOTING_SHARE = 4, 0.7
 
 

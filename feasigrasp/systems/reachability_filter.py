@@ -79,10 +79,6 @@ class ViewFilter(LeafSystem):
         return rated_by_view(grasps, gpdf.points, X_HC, self._camera)
 
 
-#: Direction of gravity in W.
-_DOWN = np.array([0.0, 0.0, -1.0])
-
-
 class PayloadFilter(LeafSystem):
     """Payload filter of grasps at the object's present orientation.
 
@@ -112,7 +108,8 @@ class PayloadFilter(LeafSystem):
 
     def _calc(self, context: Context) -> GraspSet:
         R_WO = self._pose.Eval(context).rotation().matrix()
-        down = _DOWN @ R_WO if np.isfinite(R_WO).all() else None
+        # Direction of gravity in W.
+        down = np.array([0.0, 0.0, -1.0]) @ R_WO if np.isfinite(R_WO).all() else None
         return rated_by_payload(self._grasps.Eval(context), down)
 
 

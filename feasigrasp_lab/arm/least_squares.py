@@ -17,6 +17,7 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
+#: The identity. Source: definition.
 _IDENTITY = np.eye(4)
 
 

@@ -37,7 +37,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: The arm with its hand: the model that the functions use by default.
 IIWA_CAPSULES = capsule_model()
-#: Configurations in a block: its rows stay in the first-level cache.
+#: Configurations in a block: its rows stay in the first-level cache. Source: numerical.
 LANES = 64
 
 

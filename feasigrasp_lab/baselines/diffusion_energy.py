@@ -32,11 +32,12 @@ from feasigrasp_lab.networks.vector_neurons import (
     with_mean,
 )
 
-#: One unit of length [m]; the authors scale by 8.
+#: One unit of length [m]; the authors scale by 8. Source: paper: SE(3)-DiffusionFields.
 LENGTH = 0.125
 #: Widths of the means round a point on the hand, in units: 6, 3 and 1.5 cm; each half the last.
+#: Source: guessed.
 _WIDEST, _WIDTHS = 0.48, 3
-#: Frequencies of the noise level's Fourier features [1 per unit of time].
+#: Frequencies of the noise level's Fourier features [1 per unit of time]. Source: guessed.
 _FREQUENCIES = (0.25, 0.5, 1.0, 2.0, 4.0)
 
 

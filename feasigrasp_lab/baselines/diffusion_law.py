@@ -41,16 +41,16 @@ from feasigrasp_lab.paper.task_law import least_norm_kernel
 
 #: The noise falls by this factor of its time from update to update, while the grasps are no farther
 #: than so many of its standard deviations: the length of noise in six directions, and half as much
-#: again.
+#: again. Source: guessed.
 _COOLING, _FARTHEST = 0.85, 1.5 * np.sqrt(6.0)
-#: From radians and units of the energy to radians and metres.
+#: From radians and units of the energy to radians and metres. Source: formula.
 _UNITS = np.repeat([1.0, LENGTH], 3)
 
 
-#: Rate of the law ``preconditioned`` [1/s].
+#: Rate of the law ``preconditioned`` [1/s]. Source: guessed.
 RATE = 5.0
 #: Gain of the ``gradient``: 5/s times the way that is left where the energy is that of noise of its
-#: least deviation, 0.03.
+#: least deviation, 0.03. Source: reasoned.
 GRADIENT_GAIN = 0.005
 
 

@@ -19,9 +19,6 @@ from feasigrasp_lab.baselines.grasp_diffusion import (
     load_grasp_diffusion,
 )
 
-#: Samples of a closing line; contacts are interpolated between them.
-_ALONG = 41
-
 
 @dataclass(frozen=True, eq=False)
 class DiffusionSampler:
@@ -88,15 +85,17 @@ def closed_on(gpdf: Gpdf, X_OG: Array, opening: float) -> tuple[Array, Array, Ma
         Poses centred between the contacts (n, 4, 4), widths (n,) [m], and where there is something
         between the pads, (n,); elsewhere the poses as they are, with the opening.
     """
-    along = np.linspace(-0.5 * opening, 0.5 * opening, _ALONG)
+    # Samples of a closing line; contacts are interpolated between them.
+    samples = 41
+    along = np.linspace(-0.5 * opening, 0.5 * opening, samples)
     places = X_OG[:, None, :3, 3] + along[:, None] * X_OG[:, None, :3, 0]
-    d = gpdf.distance(places.reshape(-1, 3)).reshape(-1, _ALONG)
+    d = gpdf.distance(places.reshape(-1, 3)).reshape(-1, samples)
     inside = d < 0.0
     # A pad that starts inside the object does not meet it from outside.
     held = inside.any(axis=1) & ~inside[:, 0] & ~inside[:, -1]
     rows = np.flatnonzero(held)
     ends = []
-    for first, way in ((inside.argmax(axis=1), 1), (_ALONG - 1 - inside[:, ::-1].argmax(1), -1)):
+    for first, way in ((inside.argmax(axis=1), 1), (samples - 1 - inside[:, ::-1].argmax(1), -1)):
         i = first[rows]
         inner, outer = d[rows, i], d[rows, i - way]
         ends.append(along[i] + (along[i - way] - along[i]) * inner / (inner - outer))

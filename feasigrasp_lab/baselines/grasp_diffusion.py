@@ -24,11 +24,9 @@ from feasigrasp_lab.baselines.diffusion_energy import (
 )
 from feasigrasp_lab.networks.contact_network import fill_network, network_arrays
 
-#: Annealed steps of Langevin dynamics, and those that follow at the least noise and without any.
-ANNEALED, SETTLING = 70, 50
-#: Time at the last step: noise of 4 mm and 1.8 degrees.
+#: Time at the last step: noise of 4 mm and 1.8 degrees. Source: guessed.
 LAST_TIME = 1e-3
-#: Initial positions are drawn at this distance from the center of the object [m].
+#: Initial positions are drawn at this distance from the center of the object [m]. Source: guessed.
 _SPREAD = 0.1
 _FILE = WeightsFormat(
     "grasp diffusion", "feasigrasp grasp_diffusion 1", "feasigrasp train diffusion"
@@ -156,5 +154,7 @@ def noise_variance(time: ArrayLike) -> Array:
 
 def _schedule() -> list[tuple[float, bool]]:
     """Noise levels of the steps, and whether noise is added."""
-    annealed = [(float(time), True) for time in np.geomspace(1.0, LAST_TIME, ANNEALED)]
-    return annealed + [(LAST_TIME, False)] * SETTLING
+    # Annealed steps of Langevin dynamics, and those that follow at the least noise and without any.
+    annealed_steps, settling_steps = 70, 50
+    annealed = [(float(time), True) for time in np.geomspace(1.0, LAST_TIME, annealed_steps)]
+    return annealed + [(LAST_TIME, False)] * settling_steps

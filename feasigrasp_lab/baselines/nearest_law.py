@@ -20,7 +20,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp_lab.paper.task_law import least_norm_kernel
 
-#: Another grasp is followed if it is reached sooner by this [s].
+#: Another grasp is followed if it is reached sooner by this [s]. Source: guessed.
 SAVED = 0.2
 
 

@@ -48,12 +48,12 @@ from feasigrasp_lab.paper.joint_law import PaperJointOptions
 from feasigrasp_lab.peers.control import ArrayJointStep, ArrayTaskStep
 from feasigrasp_lab.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
 
-#: Where the arm is [rad].
+#: Where the arm is [rad]. Source: guessed.
 HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
-#: Where the object is, and its twist [angular; linear].
+#: Where the object is, and its twist [angular; linear]. Source: guessed.
 X_WO = se3.make_pose(se3.so3_exp([0.2, -0.1, 0.4]), [0.5, 0.0, 0.5])
 V_WO = np.array([0.1, 0.0, 0.2, 0.1, 0.0, 0.0])
-#: Groups of grasps are this far apart, in radians and tenths of a metre.
+#: Groups of grasps are this far apart, in radians and tenths of a metre. Source: guessed.
 _APART, _PER_METRE = 1.0, np.array([1.0, 1.0, 1.0, 10.0, 10.0, 10.0])
 
 
@@ -162,12 +162,11 @@ class ControllerProbe:
         self._pose.GetMutableData().set_value(pose)
 
 
-#: Components of the safe task controller, solutions of the safe joint controller.
+#: Components of the safe task controller, solutions of the safe joint controller. Source: guessed.
 SAFE_COMPONENTS, SAFE_SOLUTIONS = 8, 64
 #: Grasps in each component, and how many draws may fail to give as many components as wanted.
+#: Source: guessed.
 _PER_GROUP, _DRAWS = 12, 20
-#: Sizes that the peers are timed with.
-_PEERS_TASK, _PEERS_JOINT = (1, 10), (10, 100)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -191,12 +190,14 @@ def cases(seed: int) -> Iterator[Case]:
     Args:
         seed: Seed of the grasps and of the inputs that follow one another.
     """
+    # Sizes that the peers are timed with.
+    peers_task, peers_joint = (1, 10), (10, 100)
     reachability = Reachability()
     X_FG = reachability.gripper.X_FG
     for K in TABLE_3_TASK:
         name, probe = f"bench.task_hz.{K}", task_probe(reachability, K, "corrected", seed)
         yield Case(name, "default", probe.step)
-        if K in _PEERS_TASK:
+        if K in peers_task:
             mixture = probe.controller.memory(probe.context).mixture.targets
             for xp in (np, torch):
                 step = partial(_fed, ArrayTaskStep(xp, mixture, X_FG), probe, V_WO)
@@ -204,7 +205,7 @@ def cases(seed: int) -> Iterator[Case]:
     for N in TABLE_3_JOINT:
         name, probe = f"bench.joint_hz.{N}", joint_probe(reachability, N, "corrected", seed)
         yield Case(name, "default", probe.step)
-        if N in _PEERS_JOINT:
+        if N in peers_joint:
             renewed = joint_probe(reachability, N, "corrected", seed, period=_STEP)
             yield Case(name, "new solutions", partial(_renewed_step, renewed))
             X_OG = probe.controller.memory(probe.context).X_OG
@@ -281,7 +282,7 @@ def joint_probe(
     return probe
 
 
-#: Simulated time between steps that look for new solutions [s].
+#: Simulated time between steps that look for new solutions [s]. Source: guessed.
 _STEP = 0.01
 
 

@@ -50,11 +50,9 @@ def pinocchio_kinematics() -> Callable[[Array], tuple[Array, Array]]:
     return run
 
 
-#: Configurations and poses of a batch, arm angles tried for each pose.
-BATCH, ARM_ANGLES = 100, 16
-#: Configurations whose self-collision is tested in one call.
+#: Configurations whose self-collision is tested in one call. Source: guessed.
 COLLISION_BATCH = 4096
-#: From where the nearest solution is looked for [rad].
+#: From where the nearest solution is looked for [rad]. Source: guessed.
 HOME = np.array([0.0, -0.846, 0.0, -1.582, 0.0, 1.446, 0.0])
 
 _FK, _COLLISION = "bench.fk_jacobian_us.100", "bench.self_collision_us"
@@ -79,12 +77,14 @@ def cases(seed: int) -> Iterator[Case]:
     Args:
         seed: Seed of the random configurations, uniform inside the joint limits.
     """
+    # Configurations and poses of a batch, arm angles tried for each pose.
+    count, arm_angles = 100, 16
     rng = np.random.default_rng(seed)
     Q = IIWA_7.random_positions(rng, COLLISION_BATCH)
-    batch = Q[:BATCH].copy()
+    batch = Q[:count].copy()
     X_WF = forward_kinematics(batch)
     reachability = Reachability(
-        n_arm_angles=ARM_ANGLES, limit_margin=0.0, clearance=0.0, table_height=-10.0
+        n_arm_angles=arm_angles, limit_margin=0.0, clearance=0.0, table_height=-10.0
     )
     X_WG = X_WF @ reachability.gripper.X_FG
     drake = DrakeArm()

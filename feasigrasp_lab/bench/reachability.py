@@ -38,8 +38,9 @@ from feasigrasp_lab.training.reachability.fit_mixture import LargeFit, em_pass, 
 from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp_lab.training.reachability.reachable_poses import IiwaArm, sample_reachable_poses
 
+#: Grasps of a case, components of the mixture, and poses that it is fitted to. Source: guessed.
 GRASPS, COMPONENTS, POSES = 1024, 64, 3_000_000
-#: The object: pose and twist [angular; linear].
+#: The object: pose and twist [angular; linear]. Source: guessed.
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
 V_WO = np.array([0.0, 0.0, 0.2, 0.05, 0.05, 0.0])
 

@@ -34,7 +34,8 @@ from feasigrasp_lab.networks.contact_network import Contacts
 from feasigrasp_lab.paper.grasp_network import torch_heads, trained_network
 from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views
 
-#: Points of the field and of the network's input; points of the forward pass alone.
+#: Points of the field and of the network's input; points of the forward pass alone. Source:
+#: guessed.
 POINTS, NETWORK_POINTS = 512, 1024
 
 

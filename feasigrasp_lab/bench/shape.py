@@ -38,27 +38,26 @@ from feasigrasp_lab.measures.timing import (
 )
 from feasigrasp_lab.paper.field import PAPER
 
-#: Where the camera looks from, relative to the object's centre [m].
+#: Where the camera looks from, relative to the object's centre [m]. Source: guessed.
 CAMERA = np.array([0.35, 0.2, 0.3])
-#: Points of a cloud, as a camera half a metre away sees them, and their noise [m].
-CLOUD_POINTS, DEPTH_NOISE = 4000, 0.001
 #: The validation step: grasps, gripper points, points with normals, steps of the refinement.
+#: Source: guessed.
 GRASPS, GRIPPER_POINTS, NORMALS, STEPS = 512, 64, 1024, 5
-#: A hand whose points come closer than this collides [m].
-MARGIN = 0.003
 #: Keyword arguments of `fit_gpdf` by preset.
 PRESETS: dict[str, dict[str, Any]] = {"paper": {**PAPER}, "default": {}}
 
 
 def partial_cloud(name: str, seed: int) -> Array:
     """Noisy points of the side of an object that faces the camera, (CLOUD_POINTS, 3) [m]."""
+    # Points of a cloud, as a camera half a metre away sees them, and their noise [m].
+    cloud_points, depth_noise = 4000, 0.001
     obj = load_object(name)
     mesh = trimesh.Trimesh(obj.vertices, obj.faces)
-    points, faces = trimesh.sample.sample_surface(mesh, 8 * CLOUD_POINTS, seed=seed)
+    points, faces = trimesh.sample.sample_surface(mesh, 8 * cloud_points, seed=seed)
     to_camera = CAMERA + mesh.bounds.mean(axis=0) - points
     facing = np.einsum("ni,ni->n", mesh.face_normals[faces], to_camera) > 0.0
-    seen = np.asarray(points[facing][:CLOUD_POINTS], dtype=float)
-    return seen + np.random.default_rng(seed).normal(scale=DEPTH_NOISE, size=seen.shape)
+    seen = np.asarray(points[facing][:cloud_points], dtype=float)
+    return seen + np.random.default_rng(seed).normal(scale=depth_noise, size=seen.shape)
 
 
 def whole_fit(cloud: Array, preset: str, nodes: int) -> Gpdf:
@@ -116,8 +115,10 @@ class ValidationStep:
 
     def __call__(self) -> tuple[Array, Mask, Array]:
         """Variance of the completed surface, which grasps collide, refined normals."""
+        # A hand whose points come closer than this collides [m].
+        margin = 0.003
         field = whole_fit(self.cloud, self.preset, self.nodes)
-        collides = field.clearance(self.X_OG, self.hand, MARGIN, MARGIN)[0] < MARGIN
+        collides = field.clearance(self.X_OG, self.hand, margin, margin)[0] < margin
         return field.completion.variance, collides, field.refine(self.at, STEPS)[2]
 
 
@@ -172,7 +173,7 @@ def torch_query(field: Gpdf) -> Callable[[torch.Tensor], tuple[torch.Tensor, tor
     return query
 
 
-#: Nodes of the fields that are timed.
+#: Nodes of the fields that are timed. Source: guessed.
 SIZES = (512, 1024)
 
 

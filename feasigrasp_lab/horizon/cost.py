@@ -22,9 +22,10 @@ from feasigrasp.models.ik.self_motion import inside_limits_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
-#: Time over which the velocity of a solution is taken [s].
+#: Time over which the velocity of a solution is taken [s]. Source: guessed.
 INSTANT = 0.01
-#: A solution this many times faster than the velocity limits is next to a singularity.
+#: A solution this many times faster than the velocity limits is next to a singularity. Source:
+#: guessed.
 _TOO_FAST = 3.0
 
 

@@ -27,10 +27,10 @@ from feasigrasp.systems.ports import (
 from feasigrasp_lab.horizon.interception import find_interceptions
 from feasigrasp_lab.horizon.law import HorizonOptions, Situation, total_cost
 
-#: Most grasps that are kept: what a controller ranks anew in 4 ms.
+#: Most grasps that are kept: what a controller ranks anew in 4 ms. Source: guessed.
 _MOST = 32
 #: A grasp takes the place of one that was kept if it saves this [s]: more than the controller's
-#: ``switch``, so that no grasp leaves the set before the controller leaves it.
+#: ``switch``, so that no grasp leaves the set before the controller leaves it. Source: guessed.
 _KEPT = 0.5
 
 

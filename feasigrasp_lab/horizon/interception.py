@@ -39,7 +39,8 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: An arm that is late by less than this is in time: the errors of an arm that follows [s].
+#: An arm that is late by less than this is in time: the errors of an arm that follows [s]. Source:
+#: guessed.
 _IN_TIME = 0.04
 
 

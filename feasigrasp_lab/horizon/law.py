@@ -28,8 +28,9 @@ from feasigrasp_lab.horizon.interception import (
 from feasigrasp_lab.horizon.program import ProgramOptions, positions, solve_program
 
 #: A grasp this close to the selected one is taken for it when grasps are sampled anew [m, rad].
+#: Source: guessed.
 _SAME_GRASP = np.array([0.012, 0.25])
-#: Scores below this count as this.
+#: Scores below this count as this. Source: guessed.
 _LEAST_SCORE = 0.05
 
 

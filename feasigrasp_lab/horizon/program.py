@@ -28,9 +28,10 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: Rows of a position limit only from here on [rad].
+#: Rows of a position limit only from here on [rad]. Source: guessed.
 _NEAR_LIMIT = 0.7
-_SOFT = 8  # DAQP's flag of a constraint that may be violated with a penalty
+#: DAQP's flag of a constraint that may be violated with a penalty. Source: definition: DAQP.
+_SOFT = 8
 _N = IIWA_7.joints
 
 

@@ -8,9 +8,6 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp_lab.training.diffusion_batches import with_noise
 
-#: Step of the central differences [rad or units of length].
-_STEP = 1e-5
-
 
 def known_components() -> Array:
     """Three poses 0.4 rad and more apart, which noise makes overlap, shape (3, 4, 4)."""
@@ -36,13 +33,15 @@ def log_density(components: Array, X: Array, deviation: float) -> Array:
 
 def score(components: Array, X: Array, deviation: float) -> Array:
     """Gradient of `log_density` by a body twist, by central differences, shape (n, 6)."""
+    # Step of the central differences [rad or units of length].
+    difference = 1e-5
     found = np.empty((len(X), 6))
     for i in range(6):
-        step = se3.exp(_STEP * np.eye(6)[i])
+        step = se3.exp(difference * np.eye(6)[i])
         ahead, behind = (
             log_density(components, X @ way, deviation) for way in (step, se3.inverse(step))
         )
-        found[:, i] = (ahead - behind) / (2.0 * _STEP)
+        found[:, i] = (ahead - behind) / (2.0 * difference)
     return found
 
 

@@ -17,6 +17,7 @@ from feasigrasp_lab.training.data.grasp_labels import best_labels, find_pairs
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 
 #: An object can be grasped if valid grasps start at so many of the points of its true surface.
+#: Source: definition.
 GRASPABLE = 10
 
 

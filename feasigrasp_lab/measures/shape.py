@@ -22,11 +22,6 @@ from feasigrasp_lab.training.data.views import PartialView, ViewedObject
 # by changes of sign, its crossings are spread out on the tangent planes, and all of it is
 # projected.
 
-#: A projected point is on the surface if |d| is less [m].
-_ON_SURFACE = 5e-4
-#: Nearest samples whose tangent discs are tried for a distance.
-_NEIGHBOURS = 4
-
 
 @dataclass(frozen=True, eq=False)
 class LevelSet:
@@ -53,7 +48,8 @@ class LevelSet:
         """
         if len(self.points) == 0:
             return np.full(len(x), np.inf)
-        near = cKDTree(self.points).query(x, k=min(_NEIGHBOURS, len(self.points)))[1]
+        # Nearest samples whose tangent discs are tried for a distance.
+        near = cKDTree(self.points).query(x, k=min(4, len(self.points)))[1]
         offset = x[:, None] - self.points[near.reshape(len(x), -1)]
         height = np.einsum("nkj,nkj->nk", offset, self.normals[near.reshape(len(x), -1)])
         across = np.sqrt(np.maximum(np.einsum("nkj,nkj->nk", offset, offset) - height**2, 0.0))
@@ -105,12 +101,9 @@ def sample_level_set(field: Gpdf, seeds: Iterable[Array] = (), cells: int = 40) 
 
 def _project(field: Gpdf, x: Array, steps: int = 5) -> tuple[Array, Array]:
     ends, normals = field.refine(x, steps)[1:]
-    on = np.abs(field.distance(ends)) < _ON_SURFACE
+    # A projected point is on the surface if |d| is less [m].
+    on = np.abs(field.distance(ends)) < 5e-4
     return ends[on], normals[on]
-
-
-#: Completed points farther from the true surface than this are invented [m].
-INVENTED = 0.01
 
 
 # Points on the true surface that a shape is judged by.
@@ -136,6 +129,8 @@ def measure(
         By name: distances in mm, angles in degrees, shares in percent. NaN where there is nothing
         to measure (no unseen point, say).
     """
+    # Completed points farther from the true surface than this are invented [m].
+    invented = 0.01
     in_sight, seen = np.any([viewed.sees(points, normals, view) for view in views], axis=0)
     hidden, judged = ~in_sight, ~in_sight | seen
     surface = sample_level_set(field, (field.points, points))
@@ -153,8 +148,8 @@ def measure(
         "normal_seen_deg": float(np.rad2deg(np.arccos(np.clip(np.median(cosine), -1.0, 1.0)))),
         "variance_auc": auc(field.variance(points[judged]), hidden[judged]),
         "variance_auc_in_sight": auc(field.variance(points), hidden),
-        "invented_percent": 100.0 * _mean((used_error > INVENTED).astype(float)),
-        "invented_area_percent": 100.0 * float(weight @ (dense_error > INVENTED)),
+        "invented_percent": 100.0 * _mean((used_error > invented).astype(float)),
+        "invented_area_percent": 100.0 * float(weight @ (dense_error > invented)),
         "completed_to_true_mm": 1e3 * float(weight @ dense_error),
         "completed_points": float(len(used)),
     }

@@ -15,7 +15,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-# Squared lengths below the least normal float32 are zero: their direction is rounding.
+#: Squared lengths below the least normal float32 are zero: their direction is rounding. Source:
+#: numerical.
 _NOTHING = 1.2e-38
 
 

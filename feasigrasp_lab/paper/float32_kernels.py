@@ -32,17 +32,19 @@ from feasigrasp.models.numerics.fast_math import wide_vectors
 
 Float32Array = NDArray[np.float32]
 
-#: log2 of the responsibility below which a component counts as not responsible at all.
+#: log2 of the responsibility below which a component counts as not responsible at all. Source:
+#: numerical.
 LOG2_TOLERANCE = -20
-#: Poses per block, a constant of the code: with a length known only at run time, the compiler
-#: does not turn `tangents_kernel` into SIMD code.
+#: Poses per block, a constant of the code: with a length known only at run time, the compiler does
+#: not turn `tangents_kernel` into SIMD code. Source: numerical.
 BLOCK = 256
 
 FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
 _f4 = np.float32
+#: Numbers of single precision. Source: layout.
 _ZERO, _HALF, _ONE = _f4(0.0), _f4(0.5), _f4(1.0)
 _TOLERANCE, _LOWEST, _BIAS = _f4(LOG2_TOLERANCE), _f4(-126.0), np.int32(127)
-# 2^f on [-1/2, 1/2] by its Taylor polynomial, relative error 2e-7.
+#: 2^f on [-1/2, 1/2] by its Taylor polynomial, relative error 2e-7. Source: numerical.
 _E = tuple(_f4(math.log(2.0) ** i / math.factorial(i)) for i in range(7))
 _E0, _E1, _E2, _E3, _E4, _E5, _E6 = _E
 

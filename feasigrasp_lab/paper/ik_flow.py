@@ -49,9 +49,9 @@ WeightArray = NDArray[np.float32]
 #: Where the trained weights are.
 DEFAULT_WEIGHTS = WEIGHTS / "ik_flow.npz"
 _FILE = WeightsFormat("IK flow", "feasigrasp ik_flow 1", "feasigrasp train ik-flow")
-#: Damping of the refinement steps.
+#: Damping of the refinement steps. Source: guessed.
 DAMPING = 0.01
-# Rows that go through the networks together: bounds the memory.
+#: Rows that go through the networks together: bounds the memory. Source: numerical.
 _CHUNK = 4096
 _CONFIGURATIONS, _LATENTS = ArrayOf(("n", IIWA_7.joints), "rad"), ArrayOf(("n", IIWA_7.joints))
 

@@ -35,7 +35,7 @@ from feasigrasp_lab.paper.sources import Draw
 
 #: Straight to the grasps.
 _CORRIDOR: ApproachCorridor = JointControlOptions().corridor._replace(max_standoff=0.0)
-#: No plan: nothing but the present counts.
+#: No plan: nothing but the present counts. Source: definition.
 _COSTS = CostWeights(times=(0.0,))
 
 

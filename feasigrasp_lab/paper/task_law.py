@@ -42,9 +42,7 @@ from feasigrasp_lab.paper.options import Law, Targets
 # function of the pose; and beside the six axes, both ways, they lie on the geodesics to the
 # components, because one of those leads uphill whatever the covariances are like.
 
-#: Pulls cancel where their sum is shorter than this share of their lengths ...
-CANCEL = 0.2
-#: ... and surrounding points are this share of the mean pull away.
+#: ... and surrounding points are this share of the mean pull away. Source: guessed.
 RADIUS = 0.1
 
 
@@ -73,6 +71,8 @@ def gradient_kernel(X: Array, parameters: Parameters, out: Array) -> None:
 
 @compiled
 def _ascent(X: Array, parameters: Parameters, gradient: bool, out: Array) -> None:
+    # Pulls cancel where their sum is shorter than this share of their lengths ...
+    cancel = 0.2
     n = len(parameters.means)
     tangents, log_densities, r = np.empty((n, 6)), np.empty(n), np.empty(n)
     evaluate_kernel(X, parameters, tangents, log_densities)
@@ -84,14 +84,14 @@ def _ascent(X: Array, parameters: Parameters, gradient: bool, out: Array) -> Non
         for i in range(6):
             out[i] -= r[k] * tangents[k, i]
     share = _length(out) / max(pull, 1e-12)
-    disturbed = share < CANCEL and pull > 1e-9
+    disturbed = share < cancel and pull > 1e-9
     if not gradient:
         if disturbed:
-            _disturb(X, parameters, here, tangents, pull, 1.0 - share / CANCEL, out)
+            _disturb(X, parameters, here, tangents, pull, 1.0 - share / cancel, out)
         return
     step = np.zeros(6)
     if disturbed:
-        _disturb(X, parameters, here, tangents, pull, 1.0 - share / CANCEL, step)
+        _disturb(X, parameters, here, tangents, pull, 1.0 - share / cancel, step)
     out[:] = 0.0
     pulls = np.empty((2, 6))
     for k in range(n):
@@ -151,12 +151,6 @@ def _disturb(
         out[i] += strength * best_step[i] / RADIUS
 
 
-#: Least damping: no singular value is taken for smaller.
-_LEAST_DAMPING = 1e-6
-#: Least pivot of the factorisation, in case rounding eats up even that.
-_LEAST_PIVOT = 1e-14
-
-
 @dataclass(frozen=True)
 class PaperTaskOptions:
     """Gains of the law.
@@ -195,7 +189,8 @@ def least_norm_kernel(J: Array, V: Array, damping: float) -> Array:
     It is ``J^T (J J^T + d^2 I)^-1 V``, by Cholesky factorisation; without damping the shortest one,
     large where J loses rank, but finite.
     """
-    square = max(damping, _LEAST_DAMPING) ** 2
+    # Least damping: no singular value is taken for smaller.
+    square = max(damping, 1e-6) ** 2
     L, y, qd = np.empty((6, 6)), np.empty(6), np.zeros(IIWA_7.joints)
     for i in range(6):
         for j in range(i + 1):
@@ -204,7 +199,8 @@ def least_norm_kernel(J: Array, V: Array, damping: float) -> Array:
                 s += J[i, k] * J[j, k]
             for k in range(j):
                 s -= L[i, k] * L[j, k]
-            L[i, j] = np.sqrt(max(s, _LEAST_PIVOT)) if i == j else s / L[j, j]
+            # Least pivot of the factorisation, in case rounding eats up even that.
+            L[i, j] = np.sqrt(max(s, 1e-14)) if i == j else s / L[j, j]
     for i in range(6):
         s = V[i]
         for k in range(i):

@@ -31,11 +31,8 @@ def both(first: Change, second: Change) -> Change:
     return change
 
 
-#: Speed of the object [m/s].
+#: Speed of the object [m/s]. Source: definition.
 SPEED = 0.1
-#: Ranges that are drawn from where everything comes together: time from a view to its grasps [s],
-#: friction, and mass as a multiple of the object's.
-_LATENCY, _FRICTION, _MASS = (0.0, 1.0), (0.3, 0.8), (0.5, 2.0)
 
 
 def perfect_sensors(scenario: Scenario) -> None:
@@ -101,14 +98,17 @@ def _masks(scenario: Scenario) -> None:
 
 def _all(scenario: Scenario) -> None:
     """Everything at once; what has a range is drawn from it by the run's seed and object."""
+    # Ranges that are drawn from where everything comes together: time from a view to its grasps
+    # [s], friction, and mass as a multiple of the object's.
+    latency, friction, mass = (0.0, 1.0), (0.3, 0.8), (0.5, 2.0)
     which = zlib.crc32(Path(scenario.object.model).stem.encode())
     rng = np.random.default_rng([scenario.random_seed, which, 2])
     _hand_eye(scenario)
     motion_capture(scenario)
     _masks(scenario)
-    scenario.perception.latency = rng.uniform(*_LATENCY)
-    scenario.object.friction = rng.uniform(*_FRICTION)
-    scenario.object.mass_factor = float(np.exp(rng.uniform(*np.log(_MASS))))
+    scenario.perception.latency = rng.uniform(*latency)
+    scenario.object.friction = rng.uniform(*friction)
+    scenario.object.mass_factor = float(np.exp(rng.uniform(*np.log(mass))))
 
 
 #: By name, every degradation, on top of perfect sensors; the first is none.

@@ -12,9 +12,9 @@ MOTIONS = {"circle": "ReachCircularMocap", "line": "ReachLinearMocap", "bezier":
 #: The same with the camera alone.
 CAMERA_MOTIONS = {f"{word}-camera": name.removesuffix("Mocap") for word, name in MOTIONS.items()}
 #: Speeds on the path: constant on the circle, the peak on the line, between two stops on Bezier
-#: curves [m/s].
+#: curves [m/s]. Source: definition.
 SPEEDS = (0.05, 0.15, 0.3, 0.45, 0.6)
-#: Speeds of the rotation [rad/s], on the circle at `SPIN_AT` [m/s].
+#: Speeds of the rotation [rad/s], on the circle at `SPIN_AT` [m/s]. Source: definition.
 SPINS = (0.0, 0.5, 1.0, 1.5)
 SPIN_AT = 0.15
 _SPEED, _SPIN = "-at-", "-spin-"

@@ -35,7 +35,7 @@ from feasigrasp_lab.runs.isolated import run_isolated
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 from feasigrasp_lab.training.data.views import ViewedObject, look_at
 
-#: Where shapes are looked at from, and where the light comes from.
+#: Where shapes are looked at from, and where the light comes from. Source: layout.
 _EYE = np.array([0.5, -0.75, 0.5])
 _LIGHT = np.array([0.35, -0.55, 0.76])
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 #: Table I: mean and standard deviation of the static grasps that succeeded, over objects [%].
+#: Source: paper: Table I.
 TABLE_1 = (90.00, 11.49)
 #: The same for its sampler alone, with the post-filter, and with the reachability filter too [%].
+#: Source: paper: Table I.
 TABLE_1_ABLATION = (77.6, 88.6, 90.0)
 
 #: Metric of a run -> heading, digits, and whether more is better; the columns of Table II.
@@ -34,7 +36,8 @@ TABLE_2: dict[str, dict[str, tuple[tuple[float, float], ...]]] = {
     },
 }
 
-#: Components of the mixture -> frequency of the task-space controller [Hz].
+#: Components of the mixture -> frequency of the task-space controller [Hz]. Source: paper: Table
+#: III.
 TABLE_3_TASK = dict(
     enumerate((106.6, 99.4, 95.7, 90.2, 88.6, 85.2, 83.1, 81.1, 79.4, 78.2), start=1)
 )

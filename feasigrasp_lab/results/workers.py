@@ -21,7 +21,7 @@ from feasigrasp.runs.results.provenance import git_revision, versions
 
 Result = TypeVar("Result")
 
-#: How long workers are waited for [s].
+#: How long workers are waited for [s]. Source: guessed.
 _PATIENCE = 60.0
 
 

@@ -21,7 +21,8 @@ from feasigrasp.scenario.files import parse_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 
-#: Where the object goes then, one way or the other, before the arm could feel it [m], [s].
+#: Where the object goes then, one way or the other, before the arm could feel it [m], [s]. Source:
+#: guessed.
 _AWAY, _QUICKLY = ([1.3, 0.3, 0.55], [1.3, -0.3, 0.55]), 0.4
 
 

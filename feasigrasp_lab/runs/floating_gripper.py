@@ -33,15 +33,16 @@ from feasigrasp.systems.station.directives import hand_urdf
 from feasigrasp.systems.station.object_model import add_object, set_friction
 from feasigrasp.systems.station.object_servo import force_on
 
-#: Rate at which the distance between the pads shrinks, as in grasping [m/s].
+#: Rate at which the distance between the pads shrinks, as in grasping [m/s]. Source: definition.
 CLOSING_SPEED = 0.15
-#: Its weight comes on the fingers within this time; then the hand lifts, and shakes [s].
+#: Its weight comes on the fingers within this time; then the hand lifts, and shakes [s]. Source:
+#: definition.
 RAMP_TIME, LIFT_TIME, SHAKE_PERIOD = 0.1, 0.2, 0.25
-#: Acceleration of the lift and amplitude of the shaking along x, y, z in turn [m/s^2].
+#: Acceleration of the lift and amplitude of the shaking along x, y, z in turn [m/s^2]. Source:
+#: definition.
 LIFT, SHAKE = 2.0, 4.0
+#: Gravity [m/s^2]. Source: definition.
 GRAVITY = 9.81
-#: Of the spring that carries the object [rad/s].
-_SERVO_FREQUENCY = 60.0
 
 
 def load(time: float) -> np.ndarray:
@@ -98,7 +99,8 @@ class HandLoad(LeafSystem):
         inertia = plant.get_body(body_index).default_spatial_inertia()
         self._body_index = body_index
         I_BBcm = inertia.CalcRotationalInertia().CopyToFullMatrix3()
-        mass, w = inertia.get_mass(), _SERVO_FREQUENCY  # critically damped
+        # Frequency of the servo [rad/s]. Source: guessed.
+        mass, w = inertia.get_mass(), 60.0  # critically damped
         spring = mass * w**2, 2.0 * mass * w, I_BBcm * w**2, 2.0 * I_BBcm * w
         self._object = DrivenBody(mass, I_BBcm, np.zeros(3), *spring)
         self._opening = opening
@@ -142,9 +144,6 @@ _PLANT = MultibodyPlantConfig(
     contact_model="hydroelastic_with_fallback",
     discrete_contact_approximation="lagged",
 )
-#: Pads closer than this hold nothing [m].
-_EMPTY = 5e-4
-_CHECK_EVERY = 0.1
 
 
 @dataclass(frozen=True)
@@ -223,7 +222,8 @@ class FloatingGripper:
             self._simulator.AdvanceTo(let_go)
             trial = self._verdict(plant_context, X_GO, closing=True)
             R_GO = self._plant.EvalBodyPoseInWorld(plant_context, self._body).rotation()
-            for time in (*np.arange(let_go, end, _CHECK_EVERY)[1:], end):
+            # Time between two looks at the object [s]. Source: guessed.
+            for time in (*np.arange(let_go, end, 0.1)[1:], end):
                 if not trial.held:
                     break
                 self._simulator.AdvanceTo(time)
@@ -236,14 +236,16 @@ class FloatingGripper:
         return trial
 
     def _verdict(self, context, X_GO: RigidTransform, closing: bool) -> Trial:
+        # Pads closer than this hold nothing [m]. Source: guessed.
+        empty = 5e-4
         opening = sum(joint.get_translation(context) for joint in self._joints)
         # The point of the object that was between the pads, which is the origin.
         X_GO_now = self._plant.EvalBodyPoseInWorld(context, self._body)
         moved = np.linalg.norm(X_GO_now.multiply(X_GO.inverse().translation()))
-        if closing and opening < _EMPTY:
+        if closing and opening < empty:
             return Trial(False, "missed")
         # The point that was between the pads may move this far from there [m].
-        if moved > 0.03 or opening < _EMPTY:
+        if moved > 0.03 or opening < empty:
             return Trial(False, "pushed away" if closing else "dropped")
         return Trial(True, "held")
 

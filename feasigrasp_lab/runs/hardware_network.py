@@ -21,11 +21,11 @@ from feasigrasp.errors import HardwareError
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.priority import DRIVER, real_time
 
-#: How late messages are, that are late, at most [s].
+#: How late messages are, that are late, at most [s]. Source: definition.
 LATE = 0.03
 #: Starts the impairment in a process.
 _BEGIN = signal.SIGUSR1
-#: How long it rests when nothing is there to be carried [s].
+#: How long it rests when nothing is there to be carried [s]. Source: guessed.
 _PAUSE = 5e-4
 _IMAGES = channels.image_channel("")
 #: Of the commands, those for the arm come from a guard on the computer of its driver.

@@ -23,9 +23,9 @@ from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.results.workers import Shard
 from feasigrasp_lab.runs.studies import STUDIES, Study, study_of, suffix_of
 
-#: Seeds from here on are those of the test split, and no tuning sees them.
+#: Seeds from here on are those of the test split, and no tuning sees them. Source: definition.
 FIRST_TEST_SEED = 500
-#: Generated objects of the test split.
+#: Generated objects of the test split. Source: definition.
 TEST_OBJECTS = 24
 
 

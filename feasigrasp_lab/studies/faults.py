@@ -32,7 +32,8 @@ from feasigrasp_lab.runs.fault_probe import blind_pairs, leaks, rest_times
 from feasigrasp_lab.runs.isolated import report_crashes, run_all
 from feasigrasp_lab.runs.plan import add_camera_argument, add_scenario_arguments
 
-#: The fault after which the arm must come to rest, and how long that is looked at [s].
+#: The fault after which the arm must come to rest, and how long that is looked at [s]. Source:
+#: definition.
 _LOST, _LOOKED_AT = "pose_nan", 2.5
 
 

@@ -26,9 +26,7 @@ from feasigrasp_lab.training.reachability.reachable_poses import (
     sample_reachable_poses,
 )
 
-#: Where the random poses lie [m].
-LOWEST, HIGHEST = (-0.9, -0.9, 0.1), (0.9, 0.9, 1.25)
-#: Components of the paper's mixture, and draws behind its threshold.
+#: Components of the paper's mixture, and draws behind its threshold. Source: paper.
 PAPER_COMPONENTS, HELD_OUT = 64, 200_000
 LABELS = {
     "rmm": "RMM, shipped",
@@ -93,8 +91,10 @@ def main(args: argparse.Namespace) -> int:
 
 def random_poses(rng: np.random.Generator, n: int) -> Array:
     """Poses with uniform rotations and positions in the evaluation's box, shape (n, 4, 4) [m]."""
+    # Where the random poses lie [m].
+    lowest, highest = (-0.9, -0.9, 0.1), (0.9, 0.9, 1.25)
     X = se3.random_pose(rng, n)
-    X[:, :3, 3] = rng.uniform(LOWEST, HIGHEST, (n, 3))
+    X[:, :3, 3] = rng.uniform(lowest, highest, (n, 3))
     return X
 
 

@@ -61,15 +61,13 @@ ALONE = "{}.alone"
 UNFILTERED = "diffusion.unfiltered"
 #: Number of views by condition.
 CONDITIONS = {"1view": 1, "3views": 3}
-#: Generated objects, views of every object, and views of which grasps are simulated.
+#: Generated objects, views of every object, and views of which grasps are simulated. Source:
+#: definition.
 GENERATED, VIEWS, HELD_VIEWS = 40, 2, 1
 QUICK_OBJECTS = 8
-#: Friction of object and fingers in the simulation.
+#: Friction of object and fingers in the simulation. Source: definition.
 FRICTION = 0.6
 GRIPPER = ParallelGripper()
-#: Deviations of the noise that the baseline's directions are compared with a known mixture at
-#: [rad and units of length], and poses.
-NOISE, NOISED_POSES = (0.03, 0.2, 0.7), 200_000
 #: Columns of the raw files, by kind of record.
 _COLUMNS = {
     "set": ("grasps", "valid", "antipodal", "free", "top_valid", "cpu_ms"),
@@ -189,6 +187,9 @@ def _hold(obj: RigidObject, field: Gpdf, seed: int) -> list[Record]:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
+    # Deviations of the noise that the baseline's directions are compared with a known mixture at
+    # [rad and units of length], and poses.
+    noise, noised_poses = (0.03, 0.2, 0.7), 200_000
     objects = held_out_objects(args.objects, args.generated, args.seed)
     views = args.views
     if args.quick:
@@ -201,10 +202,10 @@ def main(args: argparse.Namespace) -> int:
     records = [record for name in objects for record in finished[name]]
     write_records(records, args.out)
     rows = summary_rows(records)
-    for deviation in NOISE:
-        error = score_error(deviation, NOISED_POSES, args.seed)
+    for deviation in noise:
+        error = score_error(deviation, noised_poses, args.seed)
         rows.append(
-            Row.plain("diffusion.score_error", f"targets/{deviation}", error, "1", NOISED_POSES)
+            Row.plain("diffusion.score_error", f"targets/{deviation}", error, "1", noised_poses)
         )
     report_rows(args, "evaluate sampler", rows)
     return 0

@@ -34,6 +34,7 @@ from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused,
 
 PRESETS = ("paper", "default")
 #: Standard deviation of the tracked pose in the ``3views_tracked`` condition: [m] and [rad].
+#: Source: definition.
 TRACKING = (0.002, float(np.deg2rad(1.0)))
 #: What is looked at how: number of views and tracking noise.
 CONDITIONS = {"1view": (1, (0.0, 0.0)), "3views": (3, (0.0, 0.0)), "3views_tracked": (3, TRACKING)}

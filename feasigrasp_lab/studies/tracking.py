@@ -38,11 +38,11 @@ from feasigrasp_lab.tracking.trackers import OurTracker, Tracker
 # They get what ours gets: the same images and points, the pose expected from the last two, and a
 # model that grows by the same rule of keyframes, fused in voxels as ours is.
 
-#: Points of an image that are registered, and how far a pair may be apart [m].
+#: Points of an image that are registered, and how far a pair may be apart [m]. Source: guessed.
 _POINTS, _GATE = 1500, 0.01
-#: Scale of the robust kernel [m], and steps.
+#: Scale of the robust kernel [m], and steps. Source: guessed.
 _SCALE, _STEPS = 2e-3, 15
-#: A registration that fits fewer of the points is not accepted, or not merged.
+#: A registration that fits fewer of the points is not accepted, or not merged. Source: guessed.
 _ACCEPTED, _MERGED = 0.6, 0.85
 
 #: From points, model points, model normals and a start to X_model_points and the share of inliers.
@@ -176,7 +176,7 @@ KINDS = {
     "follow": ("", "{grasp: {close: false, standoff: 0.15}}", 60.0),
 }
 #: A tracker is on the object when its surface is this near [mm]; after a gap it is back if it is
-#: within a time [s].
+#: within a time [s]. Source: definition.
 _ON_OBJECT, _BACK_WITHIN = 10.0, 1.0
 #: Figures per image: column, row, unit and percentile.
 FIGURES = (

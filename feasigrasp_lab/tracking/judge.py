@@ -29,9 +29,9 @@ from feasigrasp_lab.tracking.recording import RATE, Recording, Sensor, images
 from feasigrasp_lab.tracking.trackers import Tracker
 from feasigrasp_lab.training.data.raycasting import Raycaster
 
-#: How far ahead poses are predicted [s].
+#: How far ahead poses are predicted [s]. Source: definition.
 HORIZON = 0.5
-#: An image with fewer points of the object does not show it.
+#: An image with fewer points of the object does not show it. Source: definition.
 IN_VIEW = 300
 
 

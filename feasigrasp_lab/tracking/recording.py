@@ -87,12 +87,10 @@ def images(
         yield k, ObjectView(camera, X_WC, points_W, depth)
 
 
-#: Images per second.
+#: Images per second. Source: definition.
 RATE = 30.0
-#: Unit of the stored depths [m].
+#: Unit of the stored depths [m]. Source: definition.
 _STEP = 1e-4
-#: What the camera's owner would have to add: depths from here on are recorded [m].
-_NEAR = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +132,9 @@ def record(scenario: str, changes: Sequence[str], duration: float) -> Recording:
         changes: What is changed of it, YAML texts.
         duration: Longest time [s]; it ends earlier when the object was let go.
     """
-    camera = f"{{cameras: {{wrist_camera: {{z_near: {_NEAR}, clipping_near: 0.02}}}}}}"
+    # What the camera's owner would have to add: depths from here on are recorded [m].
+    near = 0.03
+    camera = f"{{cameras: {{wrist_camera: {{z_near: {near}, clipping_near: 0.02}}}}}}"
     ideal = camera, "{camera_noise: {}, sensors: {error_factor: 0}}"
     loaded = load_scenario(diagram_path("dynamic.scenarios.yaml"), scenario, *changes, *ideal)
     diagram = make_dynamic_grasp(loaded)

@@ -18,7 +18,7 @@ from feasigrasp_lab.baselines.diffusion_energy import LENGTH, standard_deviation
 from feasigrasp_lab.results.finished import read_shard
 from feasigrasp_lab.training.loop import TrainingError
 
-#: Least time, at which noise is 2.6 mm and 1.2 degrees.
+#: Least time, at which noise is 2.6 mm and 1.2 degrees. Source: guessed.
 LEAST_TIME = 4.5e-4
 _ENTRIES = ("points", "normals", "X_OG", "places", "distance", "family")
 

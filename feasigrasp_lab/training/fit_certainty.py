@@ -41,7 +41,7 @@ from feasigrasp_lab.training.data.views import ViewedObject, turning_views
 #: Evidence (n, k) and verdicts (n,) by the name of the coefficients.
 Cases = dict[str, tuple[Array, Mask]]
 
-#: Seeds of shapes from here on are used by nothing else.
+#: Seeds of shapes from here on are used by nothing else. Source: definition.
 FIRST_SEED = 20_000_000
 #: The coefficients, in the order in which they build on each other.
 NAMES = (

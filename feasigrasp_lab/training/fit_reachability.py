@@ -30,6 +30,7 @@ from feasigrasp_lab.training.reachability.reachable_poses import (
     peak_memory_gb,
 )
 
+#: Components of the mixtures that are compared. Source: definition.
 SWEEP = (8, 16, 32, 64, 96, 128)
 #: Arguments that decide the samples and the fits, beside the arm.
 _DECISIVE = ("samples", "fit_poses", "seed", "weighting")

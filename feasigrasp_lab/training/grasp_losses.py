@@ -15,11 +15,13 @@ from torch.nn import functional
 from feasigrasp_lab.networks.contact_network import Heads
 from feasigrasp_lab.paper.grasp_network import PaperGraspNetwork
 
-#: Closing directions off by less than this count by the square, beyond it linearly [rad].
+#: Closing directions off by less than this count by the square, beyond it linearly [rad]. Source:
+#: guessed.
 _SLIGHT = math.radians(3.0)
 #: Weights of the parts.
 _WEIGHTS = {"contact": 1.0, "width": 0.2, "closing": 4.0, "approach": 1.0}
-#: A predicted approach counts as valid from this share of free turns beside it.
+#: A predicted approach counts as valid from this share of free turns beside it. Source: reasoned:
+#: even odds.
 FREE = 0.5
 
 

@@ -44,15 +44,13 @@ from feasigrasp_lab.training.loop import (
 # stream can be made again from what a shard says of them.
 
 #: Hand poses and signed distances that are kept of each example; with fewer valid poses than the
-#: last, an example is left out.
+#: last, an example is left out. Source: guessed.
 POSES, DISTANCES, LEAST = 192, 512, 16
 #: What is read of a shard.
 _ENTRIES = (
     *("points", "normals", "contact", "closing", "width", "across", "free"),
     *("family", "object_seed"),
 )
-#: Distances are taken so near to the surface [m], and in a box that is larger by so much [m].
-_NEAR, _BESIDE = 0.01, 0.08
 
 
 def write_hand_poses(filename: Path, number: int, *, shards: list[Path]) -> bool:
@@ -125,10 +123,12 @@ def valid_poses(truth: TrueGrasps, example: dict[str, Any], rng: np.random.Gener
 
 def _places(truth: TrueGrasps, rng: np.random.Generator) -> Array:
     """Places near the surface and round the object, half of each, shape (DISTANCES, 3) [m]."""
+    # Distances are taken so near to the surface [m], and in a box that is larger by so much [m].
+    near_surface, beyond_box = 0.01, 0.08
     half = DISTANCES // 2
     near = truth.samples[rng.integers(len(truth.samples), size=half)]
-    near = near + rng.normal(0.0, _NEAR, (half, 3))
-    lower, upper = truth.samples.min(axis=0) - _BESIDE, truth.samples.max(axis=0) + _BESIDE
+    near = near + rng.normal(0.0, near_surface, (half, 3))
+    lower, upper = truth.samples.min(axis=0) - beyond_box, truth.samples.max(axis=0) + beyond_box
     return np.concatenate([near, rng.uniform(lower, upper, (half, 3))])
 
 

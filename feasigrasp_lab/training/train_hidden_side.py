@@ -104,7 +104,7 @@ def export(network: HiddenSideNetwork) -> HiddenSide:
 
 Pictures = tuple[NDArray[np.float16], NDArray[np.float16]]
 
-#: Objects of a shard.
+#: Objects of a shard. Source: numerical.
 SHARD = 64
 
 

@@ -34,7 +34,7 @@ from feasigrasp_lab.paper.ik_flow_layers import (
 )
 from feasigrasp_lab.training.loop import TrainingRun, add_evaluation_arguments, add_loop_arguments
 
-# Keeps the gradient of atan2 finite where both arguments vanish.
+#: Keeps the gradient of atan2 finite where both arguments vanish. Source: numerical.
 _TINY = 1e-12
 
 

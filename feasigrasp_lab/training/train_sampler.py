@@ -111,7 +111,7 @@ def average_precision(score: Array, positive: Array) -> float:
     return float(np.sum(np.diff(recall, prepend=0.0) * precision))
 
 
-#: What ``--quick`` trains on, and for how long [min].
+#: What ``--quick`` trains on, and for how long [min]. Source: definition.
 QUICK_EXAMPLES, QUICK_MINUTES = 60, 1.0
 
 

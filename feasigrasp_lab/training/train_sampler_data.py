@@ -22,7 +22,7 @@ from feasigrasp_lab.results.workers import made_with
 from feasigrasp_lab.training.data.grasp_examples import object_examples, stacked
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT, make_shape, shape_of
 
-#: Objects of a shard.
+#: Objects of a shard. Source: numerical.
 SHARD = 8
 
 

@@ -15,8 +15,8 @@ from feasigrasp.models.quantities import CLOUD, ArrayOf, Count, NotNegative, Pos
 
 _PIXELS = ArrayOf(("n",), "px")
 #: What estimators take a stereo camera for: error of its disparities [px] (Intel, "Best-known
-#: methods for tuning the D400 series"), and the distance of its imagers by default that of
-#: a RealSense D435 [m].
+#: methods for tuning the D400 series"), and the distance of its imagers by default that of a
+#: RealSense D435 [m]. Source: data sheet: Intel, D400 series and D435.
 SUBPIXEL, BASELINE = 0.08, 0.05
 
 

@@ -24,23 +24,6 @@ from feasigrasp.models.geometry.se3 import perpendiculars
 # such a surface is visible in the image: there its points are as dense as others, and their depths
 # continue those of their neighbours.
 
-#: A point is judged by the distance to this neighbour, the nearest being the first ...
-NEIGHBOUR = 3
-#: ... and is connected with at most this number of them.
-LINKS = 8
-#: A point is far off beyond this multiple of the median of that distance.
-FAR = 5.0
-#: If more points than this share are far off, those beyond this multiple are dropped.
-CONTAMINATED, NEAR = 0.02, 2.5
-#: Fewer points than this that hang together are no surface, and more than this distance from the
-#: largest group they are of something else [m].
-MIN_GROUP, ELSEWHERE = 8, 0.05
-#: Neighbours in the picture, and the multiples of their usual distance and of the spread of their
-#: depths within which a point continues them.
-_BESIDE, _APART, _DEEPER = 12, 2.0, 3.0
-#: Depths spread by so much at least [m].
-_DEPTH_NOISE = 1e-3
-
 
 def outliers(points: Array, p_OC: ArrayLike | None = None) -> Mask:
     """Mask of outliers in one view, or in merged views.
@@ -52,38 +35,50 @@ def outliers(points: Array, p_OC: ArrayLike | None = None) -> Mask:
     Returns:
         Shape (n,); none if there are too few points for a decision.
     """
+    # If more points than this share are far off, those are dropped that are beyond so many times
+    # it.
+    contaminated, near_factor = 0.02, 2.5
+    # A point is judged by the distance to this neighbour, the nearest being the first. It is far
+    # off beyond so many times the median of that distance.
+    neighbour, far = 3, 5.0
+    # Neighbours that a point hangs together with, at most.
+    links = 8
     n = len(points)
-    if n <= LINKS:
+    if n <= links:
         return np.zeros(n, dtype=bool)
-    apart, near = cKDTree(points).query(points, k=LINKS + 1)
-    apart /= max(float(np.median(apart[:, NEIGHBOUR])), 1e-12)
-    relative = apart[:, NEIGHBOUR]
-    keep = relative <= FAR
-    if np.mean(~keep) > CONTAMINATED:
-        keep = relative <= NEAR
+    apart, near = cKDTree(points).query(points, k=links + 1)
+    apart /= max(float(np.median(apart[:, neighbour])), 1e-12)
+    relative = apart[:, neighbour]
+    keep = relative <= far
+    if np.mean(~keep) > contaminated:
+        keep = relative <= near_factor
         sparse = np.flatnonzero(~keep)
         if p_OC is not None:
             keep[sparse] = _continue_the_picture(points, np.asarray(p_OC, dtype=float), sparse)
     # A point that is dropped is no bridge.
-    link = keep[:, None] & keep[near] & (apart <= FAR)
+    link = keep[:, None] & keep[near] & (apart <= far)
     return ~_of_the_object(points, near, link, keep)
 
 
 def _continue_the_picture(points: Array, p_OC: Array, chosen: Indices) -> Mask:
     """Which of some points have neighbours in the picture that their depth continues."""
+    # Neighbours in the picture, and the multiples of their usual distance and of the spread of
+    # their depths within which a point continues them.
+    count_beside, most_apart, most_deeper = 12, 2.0, 3.0
     middle = points.mean(axis=0) - p_OC
     z = middle / max(float(np.linalg.norm(middle)), 1e-12)
     in_camera = (points - p_OC) @ np.stack([*perpendiculars(z), z], axis=1)
     depth = np.maximum(in_camera[:, 2], 1e-3)
     tree = cKDTree(in_camera[:, :2] / depth[:, None])
-    k = min(_BESIDE + 1, len(points))
+    k = min(count_beside + 1, len(points))
     usual = float(np.median(tree.query(tree.data[:: -(-len(points) // 200)], k=k)[0][:, -1]))
     apart, near = tree.query(tree.data[chosen], k=k)
     beside = depth[near[:, 1:]]
     expected = np.median(beside, axis=1)
     spread = np.median(np.abs(beside - expected[:, None]), axis=1)
-    continues = np.abs(depth[chosen] - expected) <= _DEEPER * np.maximum(spread, _DEPTH_NOISE)
-    return np.asarray(continues & (apart[:, -1] <= _APART * usual))
+    # Depths spread by so much at least [m].
+    continues = np.abs(depth[chosen] - expected) <= most_deeper * np.maximum(spread, 1e-3)
+    return np.asarray(continues & (apart[:, -1] <= most_apart * usual))
 
 
 def _of_the_object(points: Array, near: Indices, link: Mask, keep: Mask) -> Mask:
@@ -92,26 +87,31 @@ def _of_the_object(points: Array, near: Indices, link: Mask, keep: Mask) -> Mask
     The largest group is of the object. What lies behind its rim, for example, when the mask is too
     large, hangs together as well, but far from it.
     """
+    # Fewer points than this that hang together are no surface, and more than this distance from the
+    # largest group they are of something else [m].
+    min_group, elsewhere = 8, 0.05
     n = len(near)
     ends = np.concatenate([[0], np.cumsum(np.count_nonzero(link, axis=1))])
     graph = csr_matrix((np.ones(ends[-1]), near[link], ends), shape=(n, n))
     _, group = connected_components(graph, directed=False)
     sizes = np.bincount(group, weights=keep)
-    belongs = sizes >= MIN_GROUP
+    belongs = sizes >= min_group
     largest = int(np.argmax(sizes))
     tree = cKDTree(points[keep & (group == largest)])
     for other in np.flatnonzero(belongs):
         if other != largest:
             distance, _ = tree.query(points[keep & (group == other)])
-            belongs[other] = distance.min() <= ELSEWHERE
+            belongs[other] = distance.min() <= elsewhere
     return np.asarray(keep & belongs[group])
 
 
-#: Fewer points than this describe no surface.
+#: Fewer points than this describe no surface. Source: guessed.
 MIN_POINTS = 8
-#: Larger clouds are not one graspable object; most often they are in millimetres.
+#: Larger clouds [m] are not one graspable object; most often they are in millimetres. Source:
+#: reasoned: twice what the arm reaches.
 MAX_EXTENT = 2.0
 #: Points that spread less than this (standard deviation) in two directions are a spot or line [m].
+#: Source: guessed.
 MIN_SPREAD = 2.5e-4
 
 

@@ -16,12 +16,11 @@ from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.clouds.camera import Camera
 
 #: Points of neighbouring pixels on an object that are farther apart lie on different surfaces [m].
+#: Source: guessed.
 EDGE_JUMP = 0.02
-#: A mask of fewer pixels shows too little of an object, and is grown by this [pixels].
+#: A mask of fewer pixels shows too little of an object, and is grown by so many [pixels]. Source:
+#: guessed.
 SCANTY, GROWTH = 150, 10
-#: A silhouette of whose rim the picture's border is a larger share is not whole.
-_MAX_CUT = 0.05
-_AROUND = np.ones((3, 3), dtype=bool)
 
 
 def edge_pixels(
@@ -121,11 +120,16 @@ def outline(
         In the camera's axes, z forward.
     """
     # The neighbours of a point are pixels at an edge, which silhouettes allow for.
+    # A pixel and its eight neighbours. Source: layout.
     unmeasured, hidden = (
         camera.rays(columns + corner[1], rows + corner[0])
-        for rows, columns in map(np.nonzero, (of_body & ~binary_dilation(kept, _AROUND), hiding))
+        for rows, columns in map(
+            np.nonzero, (of_body & ~binary_dilation(kept, np.ones((3, 3), dtype=bool)), hiding)
+        )
     )
-    return Outline(unmeasured, hidden, whole=bool(_cut(of_body) <= _MAX_CUT))
+    # A silhouette of whose rim the picture's border is a larger share is not whole. Source:
+    # guessed.
+    return Outline(unmeasured, hidden, whole=bool(_cut(of_body) <= 0.05))
 
 
 def _cut(of_body: Mask) -> float:

@@ -22,7 +22,7 @@ from feasigrasp.models.quantities import POINTS
 SUFFIXES = (".ply", ".pcd", ".xyz", ".npy", ".npz")
 #: NumPy's letters of the types of fields in ``.pcd`` files.
 _PCD_KINDS = {"F": "f", "I": "i", "U": "u"}
-#: Wider than this, a cloud of a graspable object is in millimetres [m].
+#: Wider than this, a cloud of a graspable object is in millimetres [m]. Source: guessed.
 _MILLIMETRES = 20.0
 
 

@@ -24,22 +24,11 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.quantities import POINT, POINTS, ArrayOf, NotNegative, Positive, Whole
 
-#: Pictures of earlier views that are kept, for the free space in them.
-MAX_IMAGES = 6
-#: A new picture replaces one from nearly the same direction (cosine).
-_SAME_DIRECTION = np.cos(np.deg2rad(15.0))
-#: Points deeper in a view's free space contradict it [m]; the share of points that may.
-_IN_FREE_SPACE, _MAX_IN_FREE_SPACE = 6e-3, 0.03
 #: Points of a view that lie deeper in the free space of earlier ones do not belong there [m].
+#: Source: guessed.
 _OUT_OF_PLACE = 0.01
-#: Below this many points a view shows no surface.
+#: Below this many points a view shows no surface. Source: guessed.
 _MIN_SURFACE = 12
-#: Standard deviation of a view's place, across its surface, at least [m].
-_POSE_SIGMA = 5e-4
-#: A view shows a point again that is beside its nearest one by less than this share of a voxel,
-#: apart from it by less than a number of standard deviations and a distance [m], and faces the
-#: same way (cosine).
-_BESIDE, _APART_SIGMAS, _APART, _SAME_SIDE = 0.75, 6.0, 0.01, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +141,8 @@ class FusedCloud(Frozen):
 
         image = view_image(points, camera, outline)
         at, normals, sigma = smooth_view(points, at, camera)
-        weights = 1.0 / (np.square(sigma) + max(deviation, _POSE_SIGMA) ** 2)
+        # Standard deviation of a view's place, across its surface, at least [m].
+        weights = 1.0 / (np.square(sigma) + max(deviation, 5e-4) ** 2)
         old = self
         if self.views and register:
             X = register_view(at, normals, self.points, self.normals)
@@ -233,14 +223,18 @@ class FusedCloud(Frozen):
             others: What is nearest to each of them, and how sure it is.
             other_weights: See there.
         """
+        # A view shows a point again that is beside its nearest one by less than this share of a
+        # voxel, apart from it by less than so many standard deviations, and so much at most [m],
+        # and faces the same way (cosine).
+        beside_share, apart_sigmas, most_apart, same_side = 0.75, 6.0, 0.01, 0.3
         normals = _units(weights[:, None] * rows[:, 6:] + other_weights[:, None] * others[:, 6:])
         way = others[:, :3] - rows[:, :3]
         height = np.einsum("ij,ij->i", way, normals)
         along = height[:, None] * normals
         beside = np.linalg.norm(way - along, axis=1)
-        apart = np.minimum(_APART_SIGMAS * np.sqrt(1.0 / weights + 1.0 / other_weights), _APART)
-        alike = np.einsum("ij,ij->i", rows[:, 6:], others[:, 6:]) > _SAME_SIDE
-        return alike & (beside < _BESIDE * self.voxel_size) & (np.abs(height) < apart), along
+        apart = np.minimum(apart_sigmas * np.sqrt(1.0 / weights + 1.0 / other_weights), most_apart)
+        alike = np.einsum("ij,ij->i", rows[:, 6:], others[:, 6:]) > same_side
+        return alike & (beside < beside_share * self.voxel_size) & (np.abs(height) < apart), along
 
     def _averaged(self, at: Array, towards: Array) -> FusedCloud:
         """With one point per voxel of one more view."""
@@ -268,15 +262,18 @@ def _kept(images: Sequence[ViewImage]) -> tuple[ViewImage, ...]:
     Of too many those that differ most: what a camera once looked into, the inside of a cup above
     all, is not forgotten for many views of other sides.
     """
+    # Pictures of earlier views that are kept, for the free space in them.
+    max_images = 6
     chosen: list[ViewImage] = []
     for image in reversed(images):
         z = image.X_OC[:3, 2]
         like = (other for other in chosen if other.whole == image.whole)
-        if all(z @ other.X_OC[:3, 2] < _SAME_DIRECTION for other in like):
+        # A new picture replaces one from nearly the same direction (cosine).
+        if all(z @ other.X_OC[:3, 2] < np.cos(np.deg2rad(15.0)) for other in like):
             chosen.append(image)
-    if len(chosen) > MAX_IMAGES:
+    if len(chosen) > max_images:
         directions = np.array([image.X_OC[:3, 2] for image in chosen])
-        chosen = [chosen[i] for i in np.sort(farthest_points(directions, MAX_IMAGES))]
+        chosen = [chosen[i] for i in np.sort(farthest_points(directions, max_images))]
     return tuple(chosen[::-1])
 
 
@@ -300,9 +297,11 @@ def _agreeing(image: ViewImage, points: Array) -> ViewImage | None:
     Where a hand hides a part of the object, or the picture ends, the silhouette is not the
     object's; then points that other views have shown lie in what looks like free space beside it.
     """
+    # Points deeper in a view's free space contradict it [m]; the share of points that may.
+    deep, most_deep = 6e-3, 0.03
     for shown in (image, replace(image, whole=False)):
-        in_free_space = free_distance((shown,), points) > _IN_FREE_SPACE
-        if float(np.mean(in_free_space)) < _MAX_IN_FREE_SPACE:
+        in_free_space = free_distance((shown,), points) > deep
+        if float(np.mean(in_free_space)) < most_deep:
             return shown
     return None
 

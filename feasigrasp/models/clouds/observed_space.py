@@ -26,14 +26,8 @@ from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
 from feasigrasp.models.compiled import compiled
 
 #: A depth z is reckoned to err by this times z^2 at most [1/m]: nearly three standard deviations of
-#: a D435 whose images are 424 pixels wide.
+#: a D435 whose images are 424 pixels wide. Source: data sheet: D435.
 DEPTH_ERROR = 0.02
-#: A known point this much nearer than the measured depth is no longer there [m].
-_GONE = 0.03
-#: Step between the pixels that fit the camera's intrinsics, along each side.
-_STRIDE = 4
-#: Fewer pixels, or a smaller spread of their directions, do not.
-_MIN_PIXELS, _MIN_SPREAD = 20, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +55,21 @@ class DepthView(Frozen):
             points: Points by pixel, in W, not finite where nothing was measured, shape (3, h, w).
             X_WC: Pose of the camera, shape (4, 4).
         """
+        # Fewer pixels, or a smaller spread of their directions, do not.
+        min_pixels, min_spread = 20, 0.02
+        # Every so many pixels, along each side, fit the camera's intrinsics.
+        stride = 4
         X_WC = np.array(X_WC, dtype=float)
         offset = points.reshape(3, -1) - X_WC[:3, 3:]
         with np.errstate(invalid="ignore"):  # infinity times zero, where nothing was measured
             x, y, z = (X_WC[:3, :3].T @ offset).reshape(points.shape)
         valid = np.isfinite(z) & (z > 0.0)
-        rows, columns = np.nonzero(valid[::_STRIDE, ::_STRIDE])
-        rows, columns = _STRIDE * rows, _STRIDE * columns
-        if len(rows) < _MIN_PIXELS:
+        rows, columns = np.nonzero(valid[::stride, ::stride])
+        rows, columns = stride * rows, stride * columns
+        if len(rows) < min_pixels:
             return None
         right, down = (side[rows, columns] / z[rows, columns] for side in (x, y))
-        if min(np.ptp(right), np.ptp(down)) < _MIN_SPREAD:
+        if min(np.ptp(right), np.ptp(down)) < min_spread:
             return None
         fx, cx = np.polyfit(right, columns, 1)
         fy, cy = np.polyfit(down, rows, 1)
@@ -87,20 +85,20 @@ class DepthView(Frozen):
         inside = (z > 0.0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
         through = np.zeros(len(points), dtype=bool)
         pixels = row[inside].astype(int), column[inside].astype(int)
-        through[inside] = self.depth[pixels] > z[inside] + _GONE + DEPTH_ERROR * z[inside] ** 2
+        # A known point this much nearer than the measured depth is no longer there [m].
+        through[inside] = self.depth[pixels] > z[inside] + 0.03 + DEPTH_ERROR * z[inside] ** 2
         return through
 
 
-#: Edge length of the voxels of a scene [m].
+#: Edge length of the voxels of a scene [m]. Source: guessed.
 SCENE_VOXEL = 0.025
 #: A surface goes on beside its rim for so long: as wide as a link of the arm and the distance that
-#: it keeps, so that none fits into what is left out between rim and unknown edge [m].
+#: it keeps, so that none fits into what is left out between rim and unknown edge [m]. Source:
+#: reasoned.
 BESIDE = 0.2
-#: A body observed from one side is at most so thick, or hides no more than that [m].
+#: A body observed from one side is at most so thick, or hides no more than that [m]. Source:
+#: guessed.
 BEHIND = 0.1
-#: Points of one view in a voxel observed as free before, from which on something has come there.
-#: Fewer may be noise.
-_COME = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +136,9 @@ class ObservedSpace(Frozen):
         # Where something has come, what is behind it was seen before that: it is unknown again.
         count = np.zeros(self.free.shape, dtype=np.int32)
         np.add.at(count, tuple(self._voxels(surroundings).T), 1)
-        come = np.argwhere((count >= _COME) & self.free)
+        # A voxel that so many points of one view fall into, though it had been seen to be free,
+        # holds something that has come since. Fewer may be noise.
+        come = np.argwhere((count >= 4) & self.free)
         _forget_kernel(come, int(np.ceil(BEHIND / self.voxel_size)), free)
         # A voxel counts as a whole: its middle is farther than half its diagonal from the surface.
         _look_kernel(

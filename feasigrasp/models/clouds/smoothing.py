@@ -16,23 +16,8 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.numerics.small_cholesky import cholesky_kernel, cholesky_solve_kernel
 
-#: Standard deviation of the tracked pose that is reckoned with: [rad] and [m], per axis.
-TRACKING_SIGMA = (np.deg2rad(1.0), 2e-3)
-#: Noise of a residual, sensor and smoothing together [m].
-RESIDUAL_SIGMA = 1.5e-3
-#: Points pair up if closer than this, in the first and the last step [m].
+#: Points pair up if closer than this, in the first and the last step [m]. Source: guessed.
 _GATE = (0.01, 0.004)
-#: ... and if the cosine between their normals is larger than this.
-_SAME_SIDE = 0.7
-#: Fewer pairs determine no pose.
-_MIN_PAIRS = 30
-_STEPS = 6
-#: Points of the view that are used, at most; they are spread over it.
-_REGISTRATION_MAX_POINTS = 400
-#: A correction beyond this many standard deviations is a wrong one.
-_MAX_SIGMAS = 4.0
-#: A correction that leaves more than this of the misfit follows noise, not an error of the tracker.
-_MISFIT_LEFT = 0.95
 
 
 def register_view(
@@ -55,27 +40,35 @@ def register_view(
         The correction to apply to the view, shape (4, 4). The identity if there is too little
         overlap, if it hardly improves the fit, or if it is larger than tracking errors are.
     """
-    every = -(-len(points) // _REGISTRATION_MAX_POINTS)
+    # Fewer pairs determine no pose.
+    min_pairs = 30
+    steps = 6
+    # Noise of a residual, sensor and smoothing together [m].
+    residual_sigma = 1.5e-3
+    # Points of the view that are used, at most; they are spread over it.
+    every = -(-len(points) // 400)
     points, normals = points[::every], normals[::every]
     tree, center = cKDTree(model_points), model_points.mean(axis=0)
-    sigma = np.repeat(TRACKING_SIGMA, 3)
+    # Standard deviation of the tracked pose that is reckoned with: [rad] and [m], per axis.
+    sigma = np.repeat((np.deg2rad(1.0), 2e-3), 3)
     total = np.eye(4)
-    for gate in np.linspace(*_GATE, _STEPS):
+    for gate in np.linspace(*_GATE, steps):
         moved = points @ total[:3, :3].T + total[:3, 3]
         turned = normals @ total[:3, :3].T
         distance, nearest = tree.query(moved, distance_upper_bound=gate)
         found = np.flatnonzero(np.isfinite(distance))
         other = nearest[found]
-        same = np.einsum("ij,ij->i", turned[found], model_normals[other]) > _SAME_SIDE
+        # Pairs count if the cosine between their normals is larger than this.
+        same = np.einsum("ij,ij->i", turned[found], model_normals[other]) > 0.7
         found, other = found[same], other[same]
-        if len(found) < _MIN_PAIRS:
+        if len(found) < min_pairs:
             return np.eye(4)
         n = turned[found] + model_normals[other]
         n /= np.linalg.norm(n, axis=1, keepdims=True)
         residual = np.einsum("ij,ij->i", moved[found] - model_points[other], n)
-        weight = 1.0 / (1.0 + (residual / (2.0 * RESIDUAL_SIGMA)) ** 2) ** 2
+        weight = 1.0 / (1.0 + (residual / (2.0 * residual_sigma)) ** 2) ** 2
         jacobian = np.hstack([np.cross(moved[found] - center, n), n])
-        weighted = jacobian * (weight / RESIDUAL_SIGMA**2)[:, None]
+        weighted = jacobian * (weight / residual_sigma**2)[:, None]
         so_far = _about(se3.log(total), center)
         hessian = weighted.T @ jacobian + np.diag(sigma**-2)
         step = -np.linalg.solve(hessian, weighted.T @ residual + so_far / sigma**2)
@@ -83,8 +76,11 @@ def register_view(
     corrected, tracked = (
         _spread(points, X, tree, model_points, model_normals) for X in (total, np.eye(4))
     )
-    too_far = np.abs(_about(se3.log(total), center)) > _MAX_SIGMAS * np.sqrt(2.0) * sigma
-    return np.eye(4) if too_far.any() or corrected >= _MISFIT_LEFT * tracked else total
+    # A correction beyond this many standard deviations is a wrong one.
+    too_far = np.abs(_about(se3.log(total), center)) > 4.0 * np.sqrt(2.0) * sigma
+    # A correction that leaves more than this of the misfit follows noise, not an error of the
+    # tracker.
+    return np.eye(4) if too_far.any() or corrected >= 0.95 * tracked else total
 
 
 def _spread(
@@ -110,29 +106,6 @@ def _about(v: Array, center: Array) -> Array:
     return np.concatenate([v[:3], v[3:] + np.cross(v[:3], center)])
 
 
-#: Neighbours that a patch is fitted to, if depths err by at most so much [m].
-NEIGHBOURS, _USUAL_NOISE = 32, 1.7e-3
-#: Where they err w times as much, w at most the first, patches have these powers of w more
-#: neighbours and are wider: normals would turn with the noise.
-_WIDEST, _MORE, _FARTHER = 1.6, 5.0, 1.5
-#: Number of patches from which the noise is estimated.
-_SAMPLES = 100
-#: Neighbours farther away hardly count, however sparse the view [m].
-_MAX_RADIUS = 0.01
-#: Above this many points of a view, every second (third, ...) one is used.
-_MAX_POINTS = 4000
-#: No point moves further than this; where it would, the patch is no surface [m].
-_MAX_SHIFT = 0.006
-#: ... or if depths err much, than this multiple of their standard deviation.
-_SHIFT_SIGMAS = 4.0
-#: Errors of neighbours correlate, far pixels count less: this number counts as one.
-_CORRELATED = 12.0
-#: Weight of the penalty on curvature against that of the neighbours.
-_CURVATURE_PENALTY = 1e-2
-#: Depth noise below which a residual is no outlier, whatever the others are [m].
-_MIN_RESIDUAL = 2e-4
-
-
 def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array, Array]:
     """Puts points onto the smooth surface through a view.
 
@@ -145,7 +118,17 @@ def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array, Arr
         Points moved along their lines of sight and unit normals on the camera's side, (m, 3) each,
         and standard deviations of the points along the lines of sight, (m,) [m].
     """
-    thin = np.ascontiguousarray(cloud[:: -(-len(cloud) // _MAX_POINTS)])
+    # No point moves further than this; where it would, the patch is no surface [m].
+    max_shift = 0.006
+    # Neighbours farther away hardly count, however sparse the view [m].
+    max_radius = 0.01
+    # Where they err w times as much, by up to so many times, patches have these powers of w more
+    # neighbours and are wider: normals would turn with the noise.
+    widest, more, farther = 1.6, 5.0, 1.5
+    # Neighbours that a patch is fitted to, if depths err by at most so much [m].
+    neighbours, usual_noise = 32, 1.7e-3
+    # Above this many points of a view, every second (third, ...) one is used.
+    thin = np.ascontiguousarray(cloud[:: -(-len(cloud) // 4000)])
     at, camera = np.ascontiguousarray(at), np.asarray(p_OC, dtype=float)
     tree = cKDTree(thin)
 
@@ -153,13 +136,16 @@ def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array, Arr
         distance, near = tree.query(where, k=count)
         return _fit_patches(thin, where, camera, near, distance, radius, most)
 
-    some = np.ascontiguousarray(at[:: max(1, len(at) // _SAMPLES)])
-    noise = float(np.median(patches(some, min(NEIGHBOURS, len(thin)), _MAX_RADIUS, _MAX_SHIFT)[2]))
-    wider = min(max(noise / _USUAL_NOISE, 1.0), _WIDEST)
-    count = min(round(NEIGHBOURS * wider**_MORE), len(thin))
-    most = max(_MAX_SHIFT, _SHIFT_SIGMAS * noise)
-    points, normals, spread = patches(at, count, _MAX_RADIUS * wider**_FARTHER, most)
-    return points, normals, spread * np.sqrt(_CORRELATED / count)
+    # The noise is that of so many patches.
+    some = np.ascontiguousarray(at[:: max(1, len(at) // 100)])
+    noise = float(np.median(patches(some, min(neighbours, len(thin)), max_radius, max_shift)[2]))
+    wider = min(max(noise / usual_noise, 1.0), widest)
+    count = min(round(neighbours * wider**more), len(thin))
+    # If depths err much, no point moves further than so many times their standard deviation.
+    most = max(max_shift, 4.0 * noise)
+    points, normals, spread = patches(at, count, max_radius * wider**farther, most)
+    # Neighbouring pixels err together, and far ones count less: so many are worth one.
+    return points, normals, spread * np.sqrt(12.0 / count)
 
 
 @compiled
@@ -202,7 +188,8 @@ def _fit_patches(
                     residual[j] = height[j]
                     for a in range(6):
                         residual[j] -= right[a] * basis[a, j]
-                scatter[i] = max(1.4826 * np.median(np.abs(residual)), _MIN_RESIDUAL)
+                # Depth noise below which a residual is no outlier, whatever the others are [m].
+                scatter[i] = max(1.4826 * np.median(np.abs(residual)), 2e-4)
                 spread = 2.0 * scatter[i]
                 for j in range(k):
                     weight[j] /= (1.0 + (residual[j] / spread) ** 2) ** 2
@@ -214,7 +201,8 @@ def _fit_patches(
                     matrix[a, b] = _dot(weighted, basis[b])
             total = matrix[0, 0]
             for a in range(6):
-                matrix[a, a] += total * (_CURVATURE_PENALTY if a > 2 else 1e-6)
+                # Weight of the penalty on curvature against that of the neighbours.
+                matrix[a, a] += total * (1e-2 if a > 2 else 1e-6)
             cholesky_kernel(matrix, matrix, 1e-18)
             cholesky_solve_kernel(matrix, right)
         if abs(right[0]) < most:

@@ -11,11 +11,6 @@ from numpy.typing import ArrayLike
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.clouds.checks import MAX_EXTENT, MIN_SPREAD, outliers, spread_across
 
-#: Views from closer directions than this show the same side (cosine) ...
-SAME_DIRECTION = np.cos(np.deg2rad(10.0))
-#: ... unless one is nearer by more than this factor, and sees finer.
-SAME_DISTANCE = 1.3
-
 
 @dataclass(frozen=True, eq=False)
 class ViewRecord(Frozen):
@@ -58,8 +53,10 @@ class ViewRecord(Frozen):
             revisit: A side not looked at for so long is looked at again [s].
         """
         distances = np.linalg.norm(self.p_OC, axis=1)
-        near = distances < SAME_DISTANCE * np.linalg.norm(p_OC)
-        similar = (self._cosines(p_OC) > SAME_DIRECTION) & near
+        # A view that is nearer by more than this factor sees finer.
+        near = distances < 1.3 * np.linalg.norm(p_OC)
+        # Views from closer directions than this show the same side (cosine).
+        similar = (self._cosines(p_OC) > np.cos(np.deg2rad(10.0))) & near
         enough = int(np.count_nonzero(similar)) >= n_views
         return not enough or time - float(self.times[similar].max()) >= revisit - 1e-9
 
@@ -68,15 +65,6 @@ class ViewRecord(Frozen):
         camera = np.asarray(p_OC, dtype=float)
         lengths = np.linalg.norm(self.p_OC, axis=1) * np.linalg.norm(camera)
         return np.clip(self.p_OC @ camera / np.maximum(lengths, 1e-12), -1.0, 1.0)
-
-
-#: A view of which less remains without its outliers shows no object.
-_LEAST_KEPT = 0.5
-#: Largest extent of an object beyond the observed surface [m]; points that do show that the
-#: mask is wrong, unless all of them do and could be the object: then it is elsewhere.
-_BEYOND, _LIKE_THE_OBJECT = 0.1, 1.5
-#: Depths that differ less all over an object are not measured: a camera's noise is larger [m].
-_ONE_DEPTH = 1e-4
 
 
 class ViewFault(StrEnum):
@@ -103,7 +91,8 @@ def of_one_depth(points: Array, X_WC: Array) -> bool:
         X_WC: Pose of the camera, z forward, shape (4, 4).
     """
     depth = (points - X_WC[:3, 3]) @ X_WC[:3, 2]
-    return len(points) > 0 and float(np.ptp(depth)) < _ONE_DEPTH
+    # Depths that differ less all over an object are not measured: a camera's noise is larger [m].
+    return len(points) > 0 and float(np.ptp(depth)) < 1e-4
 
 
 def usable_points(
@@ -123,21 +112,25 @@ def usable_points(
         The points that are left, shape (m, 3); what is wrong with the view, None if nothing is; and
         by what figures.
     """
+    # Largest extent of an object beyond the observed surface [m]; points that do show that the mask
+    # is wrong, unless all of them do and could be the object: then it is elsewhere.
+    beyond, like_the_object = 0.1, 1.5
     bad = outliers(points, p_OC)
     kept = points[~bad]
-    if len(kept) < max(min_points, _LEAST_KEPT * len(bad)):
+    # A view of which less remains without its outliers shows no object.
+    if len(kept) < max(min_points, 0.5 * len(bad)):
         return kept, ViewFault.MOSTLY_OUTLIERS, f"{bad.sum()} of {len(bad)} points"
     if spread_across(kept) < MIN_SPREAD:
         return kept, ViewFault.NO_SURFACE, f"{len(kept)} points"
     unlike = False
     if len(known) > 0:
         lower, upper = known.min(axis=0), known.max(axis=0)
-        near = ((kept >= lower - _BEYOND) & (kept <= upper + _BEYOND)).all(axis=1)
+        near = ((kept >= lower - beyond) & (kept <= upper + beyond)).all(axis=1)
         size, most = np.linalg.norm(np.ptp(kept, axis=0)), np.linalg.norm(upper - lower)
         if np.count_nonzero(near) >= min_points:
             kept = kept[near]
         else:
-            unlike = bool(size > _LIKE_THE_OBJECT * most)
+            unlike = bool(size > like_the_object * most)
     extent = float(np.ptp(kept, axis=0).max())
     if extent > MAX_EXTENT:
         return kept, ViewFault.TOO_WIDE, f"{extent:.3g} m, more than {MAX_EXTENT:g} m"

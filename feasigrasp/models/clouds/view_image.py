@@ -23,10 +23,8 @@ from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.geometry.se3 import perpendiculars
 
 #: The points of a view miss the true edge by about this many pixels of the camera: edge pixels are
-#: dropped, and so are pixels at a grazing angle.
+#: dropped, and so are pixels at a grazing angle. Source: guessed.
 EDGE_PIXELS = 1.0
-#: Depths of the nodes behind the rim of the silhouette, as a share of the object's width.
-RIM_DEPTHS = (0.0, 0.4)
 
 
 def free_distance(views: Sequence[ViewImage], x: Array) -> Array:
@@ -94,6 +92,8 @@ def rim_points(view: ViewImage, count: int) -> Array:
     Returns:
         Shape (n, 3) [m]; none where the silhouette is not whole.
     """
+    # Depths of the nodes behind the rim of the silhouette, as a share of the object's width.
+    rim_depths = (0.0, 0.4)
     if not view.whole:
         return np.zeros((0, 3))
     at = EDGE_PIXELS * view.pitch / view.pixel + 1.5
@@ -101,25 +101,21 @@ def rim_points(view: ViewImage, count: int) -> Array:
     if len(row) == 0:
         return np.zeros((0, 3))
     ring = np.stack([row, column, np.zeros_like(row)], axis=1).astype(float)
-    chosen = farthest_points(ring, min(max(count // len(RIM_DEPTHS), 1), len(ring)))
+    chosen = farthest_points(ring, min(max(count // len(rim_depths), 1), len(ring)))
     pixels = row[chosen], column[chosen]
     nearest_row, nearest_column = view.nearest[:, *pixels]
     rim = view.depth[nearest_row, nearest_column]
     half_width = float(distance_transform_edt(view.mask).max()) * view.pixel * rim.mean()
     return np.concatenate(
-        [view.unproject(pixels, rim + 2.0 * share * half_width) for share in RIM_DEPTHS]
+        [view.unproject(pixels, rim + 2.0 * share * half_width) for share in rim_depths]
     )
 
 
-#: Pixels along each side.
+#: Pixels along each side. Source: layout: input of the hidden-side network.
 SIDE = 40
-#: Pixels between the silhouette and the border.
+#: Pixels between the silhouette and the border. Source: layout: input of the hidden-side network.
 MARGIN = 4
-#: Scatter of depths that says nothing about the surface [m].
-DEPTH_NOISE = 2e-3
-#: The picture contains the points. Where more than this share of what the camera saw of the object
-#: is outside, since it has no depth, the object does not end in it.
-_MAX_OUTSIDE = 0.05
+#: A pixel and its eight neighbours. Source: layout.
 _AROUND = np.ones((3, 3), dtype=bool)
 
 
@@ -247,7 +243,8 @@ def view_image(points: Array, p_OC: Array, outline: Outline | None = None) -> Vi
         gaussian_filter(part, blur, mode="constant") / np.maximum(weight, 1e-12)
         for part in (total, square)
     )
-    steep = np.sqrt(3.0 * np.maximum(square - total**2 - DEPTH_NOISE**2, 0.0))
+    # Scatter of depths that says nothing about the surface [m].
+    steep = np.sqrt(3.0 * np.maximum(square - total**2 - 2e-3**2, 0.0))
     depth = mean + total
     X_OC = np.eye(4)
     X_OC[:3, :3], X_OC[:3, 3] = R, p_OC
@@ -267,7 +264,9 @@ def _outlined(image: ViewImage, outline: Outline, n_points: int) -> ViewImage:
         unclear = binary_dilation(unclear, _AROUND)
     unmeasured = len(outline.unmeasured)
     outside = np.count_nonzero(~inside[:unmeasured]) / (n_points + unmeasured)
-    return replace(image, unclear=unclear, ends=bool(outline.whole and outside <= _MAX_OUTSIDE))
+    # The picture contains the points. Where more than this share of what the camera saw of the
+    # object is outside, since it has no depth, the object does not end in it. Source: guessed.
+    return replace(image, unclear=unclear, ends=bool(outline.whole and outside <= 0.05))
 
 
 def _looking_along(direction: Array) -> Array:

@@ -13,17 +13,12 @@ from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.reach.reachability import Verdict
 
-#: An arm whose joints are all slower stands still [rad/s].
-STILL = 0.02
-#: An arm this close to space that was never seen is held up by it [m].
-HELD_UP = 0.04
-#: A hand this far from every grasp has not arrived [m].
-ARRIVED = 0.015
 #: An object that has moved or turned this much in the hand since it was let go slips [m], [rad].
+#: Source: guessed.
 SLIPPED, TURNED = 0.006, np.deg2rad(8.0)
 #: Where more than this share of the grasps is beyond the wrist's reach or hits the table, the place
 #: of the object is the reason. In 8 runs without a fault that is so for 0.3 s at most, with an
-#: object out of reach or in the table for all of the 5 s that were looked at.
+#: object out of reach or in the table for all of the 5 s that were looked at. Source: guessed.
 SHARED = 0.9
 
 
@@ -188,9 +183,12 @@ def _place(verdicts: Mapping[str, int]) -> StatusCode | None:
 
 
 def _way(now: Situation) -> tuple[StatusCode, str]:
-    if now.speed < STILL and now.left > ARRIVED:
+    # An arm whose joints are all slower stands still [rad/s].
+    # A hand this far from every grasp has not arrived [m].
+    if now.speed < 0.02 and now.left > 0.015:
         detail = f"the arm stands {100.0 * now.left:.0f} cm from the nearest grasp"
-        if now.unobserved < HELD_UP:
+        # An arm this close to space that was never seen is held up by it [m].
+        if now.unobserved < 0.04:
             detail += ", before space that the camera has not seen"
         return StatusCode.BRAKING_FOR_OBSTACLE, detail
     return StatusCode.FOLLOWING, now.unmet

@@ -12,6 +12,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 
 #: An instant that is this little before the start belongs to the fault [s]: rounding of times.
+#: Source: numerical.
 _INSTANT = 1e-9
 
 

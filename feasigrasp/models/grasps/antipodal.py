@@ -19,13 +19,6 @@ from feasigrasp.models.quantities import Count, Share, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 
-#: Rays sent through the object per contact pair that is wanted.
-_RAYS_PER_PAIR = 5
-#: First point looked at on the way through the object; thinner walls are not seen [m].
-_ENTRY = 0.002
-#: Cosines between opposed normals by which pairs are chosen, strictest first.
-_COSINE_STEPS = (-0.95, -0.9, -0.8, -0.7)
-
 
 @dataclass(frozen=True, eq=False)
 class AntipodalSampler:
@@ -77,10 +70,12 @@ class AntipodalSampler:
         n_pairs = -(-self.n_candidates // self.n_approaches)
         surface = gpdf.completion
         # A few times as many rays as pairs leave a choice; more only cost time.
-        stride = max(1, len(surface.points) // (_RAYS_PER_PAIR * n_pairs))
+        # Rays sent through the object per contact pair that is wanted.
+        stride = max(1, len(surface.points) // (5 * n_pairs))
         first, b = surface.points[::stride], -surface.normals[::stride]
         widest = self.gripper.max_opening - 2 * MARGIN
-        width = gpdf.ray_exits(first, b, widest, _ENTRY)
+        # First point looked at on the way through the object; thinner walls are not seen [m].
+        width = gpdf.ray_exits(first, b, widest, 0.002)
         hit = np.isfinite(width)
         first, b, width = first[hit], b[hit], width[hit]
         if len(width) > n_pairs:
@@ -98,7 +93,8 @@ def _spread(first: Array, cosine: Array, count: int) -> Indices:
 
     Taking those with the best cosine instead would crowd them on one well-formed part.
     """
-    for limit in _COSINE_STEPS:
+    # Cosines between opposed normals by which pairs are chosen, strictest first.
+    for limit in (-0.95, -0.9, -0.8, -0.7):
         opposed = np.flatnonzero(cosine <= limit)
         if len(opposed) >= count:
             return opposed[farthest_points(first[opposed], count)]

@@ -34,12 +34,8 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import unit_normals
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 
-#: Cosines between opposed contact normals that are tried one after the other.
+#: Cosines between opposed contact normals that are tried one after the other. Source: guessed.
 COSINE_STEPS = (-0.8, -0.7, -0.6)
-#: A contact further than this from the surface touches nothing [m].
-CONTACT_TOLERANCE = 0.005
-#: So deep behind a contact is the inside of a wall [m].
-_INTO_WALL = 0.002
 
 
 @checked(GraspError)
@@ -108,7 +104,8 @@ def filter_grasps(
     thin = (pairs.width < THIN_WALL) & (prior is not None)
     off, cosine = _contact_state(gpdf, pairs)
     cosine = np.where(thin, -1.0, cosine)
-    touching = np.where(thin, off.min(axis=0), off.max(axis=0)) <= CONTACT_TOLERANCE
+    # A contact further than this from the surface touches nothing [m].
+    touching = np.where(thin, off.min(axis=0), off.max(axis=0)) <= 0.005
     checks: dict[str, Mask] = {
         Rejection.OFF_SURFACE: touching[pair_of],
         Rejection.NOTHING_BETWEEN: (thin | _holding(gpdf, pairs))[pair_of],
@@ -218,10 +215,12 @@ def _contact_state(gpdf: Gpdf, grasps: GraspSet) -> tuple[Array, Array]:
 
 def _holding(gpdf: Gpdf, pairs: GraspSet) -> Mask:
     """Whether some part of the line between the contacts is inside the object."""
+    # So deep behind a contact is the inside of a wall [m].
+    into_wall = 0.002
     middle, b, half = pairs.X_OG[:, :3, 3], pairs.X_OG[:, :3, 0], 0.5 * pairs.width
     holding = gpdf.distance(middle) < 0.0
     # Most are filled in the middle; of a cup there are the walls alone.
-    for along in (0.6 * half, -0.6 * half, half - _INTO_WALL, _INTO_WALL - half):
+    for along in (0.6 * half, -0.6 * half, half - into_wall, into_wall - half):
         left = np.flatnonzero(~holding)
         holding[left] = gpdf.distance(middle[left] + along[left, None] * b[left]) < 0.0
     return holding

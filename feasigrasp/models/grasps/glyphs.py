@@ -11,13 +11,10 @@ from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import FLIP
 from feasigrasp.models.robot.gripper import ParallelGripper
 
-#: Corners of a box of edge length 2, and its 12 outward-facing triangles.
+#: Corners of a box of edge length 2, and its 12 outward-facing triangles. Source: layout.
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 _QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 _FACES = np.array([f for a, b, c, d in _QUADS for f in ((a, b, c), (a, c, d))])
-
-#: Metres that weigh as much as one radian where the spread of grasps is measured.
-_METRES_PER_RADIAN = 0.05
 
 
 def gripper_glyph(gripper: ParallelGripper, thickness: float = 0.003) -> tuple[Array, Indices]:
@@ -95,7 +92,8 @@ def spread_order(X_OG: ArrayLike, score: ArrayLike) -> Indices:
     X_OG = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)
     if len(X_OG) == 0:
         return np.zeros(0, dtype=np.int64)
-    weights = np.array([1.0, _METRES_PER_RADIAN])
+    # Metres that weigh as much as one radian where the spread of grasps is measured.
+    weights = np.array([1.0, 0.05])
     order = [int(np.argmax(score))]
     distance = np.full(len(X_OG), np.inf)
     for _ in range(len(X_OG) - 1):

@@ -18,9 +18,10 @@ from feasigrasp.models.grasps.pad_load import PadLoad
 from feasigrasp.models.quantities import POSES, ArrayOf, Whole
 from feasigrasp.models.shape.gpdf import Gpdf
 
-#: The ``id`` of a grasp that has not been compared with an earlier set.
+#: The ``id`` of a grasp that has not been compared with an earlier set. Source: layout.
 UNKNOWN = -1
-#: Half a turn about the approach direction: the same grasp, another pose of the hand.
+#: Half a turn about the approach direction: the same grasp, another pose of the hand. Source:
+#: definition.
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 _NUMBERS, _NUMBERS_OF_ALL = (ArrayOf((m,), dtype=np.int64) for m in "km")

@@ -61,13 +61,13 @@ def _hand_points(X_WG: ArrayLike, gripper: ParallelGripper) -> Array:
     return points
 
 
-#: Least distance of the open hand from completed surface that was seen [m].
+#: Least distance of the open hand from completed surface that was seen [m]. Source: guessed.
 MARGIN = 0.003
 #: In walls thinner than this the field's normals may point to either side [m]: there only a network
-#: can decide whether two contacts oppose each other.
+#: can decide whether two contacts oppose each other. Source: guessed.
 THIN_WALL = 0.010
 #: A hand that collides with nothing but `INVENTED` surface stays, if a network finds it as likely
-#: as this that the grasp is good.
+#: as this that the grasp is good. Source: reasoned: even odds.
 HOPEFUL = 0.5
 
 

@@ -34,19 +34,9 @@ from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation, unit_normals
 #: contact and of a free hand, NaN where it does not.
 Candidates = tuple[Array, Array, Array]
 
-#: Least score by default: field and network together are more certain than the field alone.
-LEAST_SCORE = 0.9
-#: Contacts that the network gives less than this are not looked at ...
-LEAST_CONTACT = 0.2
-#: ... and this number of the rest, per contact taken, is spread over the object.
-_CHOICE = 2
-#: First point looked at on the way through the object; thinner walls are not seen [m].
-_ENTRY = 0.002
-#: The far side is taken from the field if it is this near to the predicted width: in standard
-#: deviations of the width, and at least [m].
-_DEVIATIONS, _NEAR = 2.0, 0.004
 #: Closing lines are turned so often towards the normals, by less than this; a line is not followed
-#: further from its middle than this, nor if its far end is expected to be off by more [m].
+#: further from its middle than this, nor if its far end is expected to be off by more [m]. Source:
+#: guessed.
 _TURNS, _LEAST_TURN_COSINE, _FARTHEST, _WELL_KNOWN = 2, np.cos(np.deg2rad(20.0)), 0.06, 0.0025
 
 
@@ -81,7 +71,8 @@ class NetworkSampler:
     n_contacts: Count = 48
     n_approaches: Count = 4
     n_grasps: Count = 64
-    least_score: Share = LEAST_SCORE
+    # Least score by default: field and network together are more certain than the field alone.
+    least_score: Share = 0.9
     table: Annotated[ArrayLike, ArrayOf((4,))] | None = None
     top_up: bool = True
 
@@ -147,8 +138,10 @@ class NetworkSampler:
 
 def _choose(contact: Array, points: NDArray[np.float32], count: int) -> NDArray[np.intp]:
     """At most ``count`` of the most likely contacts, spread over the object."""
-    best = np.argsort(-contact, kind="stable")[: _CHOICE * count]
-    likely = best[contact[best] >= LEAST_CONTACT]
+    # So many candidates are spread over the object, per contact that is taken.
+    best = np.argsort(-contact, kind="stable")[: 2 * count]
+    # Contacts that the network gives less than this are not looked at.
+    likely = best[contact[best] >= 0.2]
     if len(likely) <= count:
         return likely
     return likely[farthest_points(points[likely].astype(float), count)]
@@ -162,9 +155,13 @@ def _settled_width(
     opening: float,
 ) -> Array:
     """Widths that end on the field's far side where network and field agree about it [m]."""
+    # The far side is taken from the field if it is this near to the predicted width: in standard
+    # deviations of the width, and at least [m].
+    deviations, near = 2.0, 0.004
     width = proposals.width[chosen]
-    reach = np.maximum(_DEVIATIONS * proposals.width_deviation[chosen], _NEAR)
-    to_exit = gpdf.ray_exits(first, proposals.closing[chosen], opening, _ENTRY)
+    reach = np.maximum(deviations * proposals.width_deviation[chosen], near)
+    # First point looked at on the way through the object; thinner walls are not seen [m].
+    to_exit = gpdf.ray_exits(first, proposals.closing[chosen], opening, 0.002)
     return np.where(np.abs(to_exit - width) <= reach, to_exit, width)  # NaN is not near
 
 

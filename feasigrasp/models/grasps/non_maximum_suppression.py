@@ -16,10 +16,10 @@ from feasigrasp.models.grasps.hand_clearance import THIN_WALL
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
 
-#: Grasps closer than this to a better one are copies of it.
+#: Grasps closer than this to a better one are copies of it [m], [rad]. Source: guessed.
 SAME_POSITION, SAME_ANGLE = 0.010, np.deg2rad(20.0)
 #: Grasps that score less are left out, as long as `ENOUGH` are there; those less likely than even
-#: are offered only if there is no other.
+#: are offered only if there is no other. Source: guessed.
 LEAST_SCORE, ENOUGH, EVEN = 0.87, 10, 0.5
 
 
@@ -110,9 +110,9 @@ def _distinct_kernel(X_OG, chosen):
 # millimetre. Whoever follows a grasp needs to know that, and the grasp should stay where it is: one
 # that is still good is kept as it was, and a new one takes its place only if it is clearly better.
 
-#: By which factor a new grasp has to score higher than an old one beside it, to replace it.
+#: By which factor a new grasp has to score higher than an old one beside it, to replace it. Source:
+#: guessed.
 HYSTERESIS = 1.25
-_NO_MATCH = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +188,8 @@ def associate_grasps(first: GraspSet, second: GraspSet) -> tuple[Indices, Indice
         nothing = np.zeros(0, dtype=np.intp)
         return nothing, nothing
     distance = grasp_distance(first, second)
-    rows, columns = linear_sum_assignment(np.where(distance <= 1.0, distance, _NO_MATCH))
+    # Cost of a pair that does not match, beyond any other. Source: numerical.
+    rows, columns = linear_sum_assignment(np.where(distance <= 1.0, distance, 1e3))
     same = distance[rows, columns] <= 1.0
     return rows[same], columns[same]
 

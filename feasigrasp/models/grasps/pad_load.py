@@ -24,14 +24,8 @@ from feasigrasp.models.shape.gpdf import Gpdf
 # by that to a factor of about two. The centre of mass is taken for that of the volume.
 
 #: Median mass of household objects of half a litre, as a field sees them, filled [kg]; the standard
-#: deviation of its logarithm.
+#: deviation of its logarithm. Source: guessed.
 TYPICAL_VOLUME, TYPICAL_MASS, MASS_SPREAD = 5e-4, 0.35, 0.6
-#: The same of a mass that somebody has weighed.
-WEIGHED_SPREAD = 0.05
-#: Standard deviation of the centre of mass along each axis, per radius of gyration of the volume.
-CENTRE_SPREAD = 0.2
-#: Points per axis at which the field is asked for inside and outside.
-_GRID = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +56,12 @@ def estimate_mass(gpdf: Gpdf, mass: float | None = None) -> MassEstimate:
         gpdf: Distance field in frame O.
         mass: The mass, if it is known [kg].
     """
+    # Points per axis at which the field is asked for inside and outside.
+    grid = 12
     surface = gpdf.completion.points
     lower, upper = surface.min(axis=0), surface.max(axis=0)
-    step = (upper - lower) / _GRID
-    axes = lower + (np.arange(_GRID)[:, None] + 0.5) * step
+    step = (upper - lower) / grid
+    axes = lower + (np.arange(grid)[:, None] + 0.5) * step
     points = np.stack(np.meshgrid(*axes.T, indexing="ij"), axis=-1).reshape(-1, 3)
     inside = gpdf.distance(points) < 0.0
     inside[inside] = gpdf.possible(points[inside])
@@ -75,18 +71,22 @@ def estimate_mass(gpdf: Gpdf, mass: float | None = None) -> MassEstimate:
     gyration = float(np.sqrt(((filled - centre) ** 2).sum(axis=1).mean()))
     volume = max(1, int(np.count_nonzero(inside))) * float(np.prod(step))
     typical = TYPICAL_MASS * (volume / TYPICAL_VOLUME) ** (2.0 / 3.0)
+    # The same of a mass that somebody has weighed.
+    # Standard deviation of the centre of mass along each axis, per radius of gyration of the
+    # volume.
     return MassEstimate(
         mass=typical if mass is None else mass,
-        spread=MASS_SPREAD if mass is None else WEIGHED_SPREAD,
+        spread=MASS_SPREAD if mass is None else 0.05,
         p_OC=centre,
-        centre_error=CENTRE_SPREAD * gyration,
+        centre_error=0.2 * gyration,
     )
 
 
 #: Of gravity, and what comes on top in any direction when the hand lifts and shakes [m/s^2].
+#: Source: definition: gravity; the hand's own motion is guessed.
 GRAVITY, HAND_ACCELERATION = 9.81, 2.0
 #: Standard deviation of the logarithm of what pads bear: of friction, and of patches on a surface
-#: that is a millimetre off.
+#: that is a millimetre off. Source: guessed.
 GRIP_SPREAD = 0.4
 
 

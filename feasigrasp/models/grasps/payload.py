@@ -24,13 +24,6 @@ from feasigrasp.models.shape.gpdf import Gpdf
 # an axis across the closing line the pressure moves to one side of the patch; ``int |s - s_p| p
 # dA``, with the distance s from the axis, is about what that brings before the patch opens.
 
-#: Cells that a pad is divided into along y and z of the grasp frame.
-CELLS = (5, 7)
-#: How finely a field resolves the gap between pad and surface [m]: the pads are taken to be so
-#: soft that their force presses the whole pad in by this much; the simulated ones are harder.
-ROUGHNESS = 2e-4
-_STEPS = 2
-
 
 @dataclass(frozen=True, eq=False)
 class Grip(Frozen):
@@ -61,14 +54,18 @@ def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Grip:
         grasps: Grasps in O; their widths say where the pads stop.
         gripper: The hand: size and force of its pads.
     """
+    # How finely a field resolves the gap between pad and surface [m]: the pads are taken to be so
+    # soft that their force presses the whole pad in by this much; the simulated ones are harder.
+    roughness = 2e-4
+    steps = 2
     y, z, area = pad_cells(gripper)
     x, half = grasps.X_OG[:, :3, 0], 0.5 * grasps.width[:, None]
     across = np.einsum("nij,kj->nki", grasps.X_OG[:, :3, 1:3], np.column_stack([y, z]))
-    stiffness = gripper.grip_force / (ROUGHNESS * area * len(y))
+    stiffness = gripper.grip_force / (roughness * area * len(y))
     moment, middle = np.zeros((len(grasps), 3)), np.zeros((len(grasps), 2))
     for way in (-1.0, 1.0):
         on_pad = (grasps.X_OG[:, :3, 3] + way * half * x)[:, None] + across
-        gap = gpdf.refine(on_pad.reshape(-1, 3), _STEPS)[0].reshape(len(grasps), len(y))
+        gap = gpdf.refine(on_pad.reshape(-1, 3), steps)[0].reshape(len(grasps), len(y))
         pressure = contact_pressure(gap, area, stiffness, gripper.grip_force)
         moment += moment_limits(y, z, pressure * area)
         middle += 0.5 * pressure_centre(y, z, pressure)
@@ -79,7 +76,8 @@ def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Grip:
 def pad_cells(gripper: ParallelGripper) -> tuple[Array, Array, float]:
     """Middles y, z of the cells of a pad in G, shapes (k,) [m], and the area of one [m^2]."""
     sides = (gripper.finger_width, 2.0 * gripper.tip)
-    y, z = (s * ((np.arange(n) + 0.5) / n - 0.5) for s, n in zip(sides, CELLS, strict=True))
+    # Cells that a pad is divided into along y and z of the grasp frame.
+    y, z = (s * ((np.arange(n) + 0.5) / n - 0.5) for s, n in zip(sides, (5, 7), strict=True))
     y, z = (part.ravel() for part in np.meshgrid(y, z, indexing="ij"))
     return y, z, sides[0] * sides[1] / len(y)
 
@@ -133,13 +131,12 @@ def moment_limits(y: Array, z: Array, force: Array) -> Array:
 #: estimates reckon with: the low ends of what is found (scenarios draw friction from 0.5 to 0.7),
 #: choices. The share of the moments of its patches that pads are trusted with is one too: but for
 #: boxes, patches are smaller than they look on a completed surface, not quite opposite each other,
-#: and what they press beside takes friction.
+#: and what they press beside takes friction. Source: reasoned.
 FRICTION, FORCE_SHARE, MOMENT_SHARE = 0.5, 0.9, 0.35
 #: A grasp is sure to carry if it is so likely. Objects are there to be carried: one that seems too
-#: heavy for all grasps is taken to be so light that the best one carries it with ``BEST``.
+#: heavy for all grasps is taken to be so light that the best one carries it with ``BEST``. Source:
+#: guessed.
 LEAST_PROBABILITY, BEST = 0.7, 0.76
-#: One that is by this factor less likely than what is asked of it does not carry.
-_HOPELESS = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +193,8 @@ def rated_by_payload(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSe
     likely = grasps.load.probability(down, BEST)
     ranked = replace(grasps, score=grasps.score * likely, payload_score=likely / LEAST_PROBABILITY)
     ranked = ranked.select(np.argsort(-ranked.score, kind="stable"))
-    return ranked if down is None else filter_by_payload(ranked, _HOPELESS)
+    # One that is by this factor less likely than what is asked of it does not carry.
+    return ranked if down is None else filter_by_payload(ranked, 0.2)
 
 
 def payload_filtered(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:

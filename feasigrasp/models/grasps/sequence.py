@@ -19,14 +19,10 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 
 #: Predicted poses of an object (k, 4, 4) and their times from some instant on (k,) [s].
 Path = Callable[[ArrayLike], Array]
-#: Over this time a predicted pose is differentiated [s].
-_STEP = 1e-3
-#: Fingers have stopped if the distance between them shrinks by less [m/s]; what is reported of them
-#: so soon after the command to close is from before they moved [s].
-_STOPPED, _TAKE_OFF = 0.01, 0.2
 #: An object that is lifted has come to rest after this, 4/27 of it times its speed away [s].
+#: Source: guessed.
 _BRAKING = 1.5
-#: Pose and twist of an object without a tracker.
+#: Pose and twist of an object without a tracker. Source: layout.
 _UNKNOWN = np.full((4, 4), np.nan), np.full(6, np.nan)
 
 
@@ -236,15 +232,17 @@ class GraspState(Frozen):
         moved along the lift, and to and fro. The lift begins with the twist of that moment: an
         object that was stopped at once would slide on.
         """
+        # Over this time a predicted pose is differentiated [s].
+        step = 1e-3
         if self.X_WO is None or self.V_WO is None:
             return X_WO, V_WO
         elapsed = t - self.since
         if self.phase == Phase.CLOSE:
             if self.path is None:
                 return se3.extrapolate(self.X_WO, self.V_WO, elapsed), self.V_WO
-            X, after = self.path([elapsed, elapsed + _STEP])
+            X, after = self.path([elapsed, elapsed + step])
             turning = se3.so3_log(after[:3, :3] @ X[:3, :3].T)
-            return X, np.concatenate([turning, after[:3, 3] - X[:3, 3]]) / _STEP
+            return X, np.concatenate([turning, after[:3, 3] - X[:3, 3]]) / step
         lifting = self.phase == Phase.LIFT
         moved, V = _lifted(elapsed if lifting else np.inf, self.V_WO, config)
         if self.phase == Phase.SHAKE:
@@ -344,9 +342,12 @@ def pressing_since(before: float, t: float, elapsed: float, rate: float) -> floa
         elapsed: Time since the command to close [s].
         rate: Rate of the distance between them [m/s].
     """
-    if elapsed < _TAKE_OFF - 1e-9:
+    # Fingers have stopped if the distance between them shrinks by less [m/s]; what is reported of
+    # them so soon after the command to close is from before they moved [s].
+    stopped_speed, take_off = 0.01, 0.2
+    if elapsed < take_off - 1e-9:
         return before
-    stopped = rate > -_STOPPED
+    stopped = rate > -stopped_speed
     if np.isnan(before):
         return t if stopped else before
     return before if stopped else t

@@ -15,29 +15,27 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation
 
-#: Distance from a contact to the surface points round it whose normals count as well [m]: the
-#: completed surface is off by a few millimetres, and beside an edge another face is met.
-PATCH_RADIUS = 0.004
-#: Error of a clearance: where the surface was seen [m], and per predicted deviation.
-_CLEARANCE_ERROR, _DEVIATION_SHARE = 0.003, 0.67
 #: Log odds that contacts are good: constant, per radian of both normals off the closing line, per
-#: metre of both predicted deviations.
+#: metre of both predicted deviations. Source: fitted: `feasigrasp fit certainty`.
 CONTACT = (3.287, -4.141, -120.614)
 #: The same by both witnesses: constant, per log odds of a network and of the field. Both have seen
-#: the same surface, so they count less than independent ones would.
+#: the same surface, so they count less than independent ones would. Source: fitted: `feasigrasp fit
+#: certainty`.
 JOINT_CONTACT = (0.601, 0.45, 0.585)
 #: In thin walls: constant, per log odds of a network, per metre of both predicted deviations.
+#: Source: fitted: `feasigrasp fit certainty`.
 THIN_CONTACT = (1.88, 0.671, -471.242)
-#: Log odds that the hand is free: constant, per clearance in units of its error.
+#: Log odds that the hand is free: constant, per clearance in units of its error. Source: fitted:
+#: `feasigrasp fit certainty`.
 CLEARANCE = (0.644, 0.898)
-#: The same by both witnesses, as `JOINT_CONTACT`.
+#: The same by both witnesses, as `JOINT_CONTACT`. Source: fitted: `feasigrasp fit certainty`.
 JOINT_CLEARANCE = (0.256, 0.375, 0.422)
-#: The same where the field has no data: constant, per log odds of a network.
+#: The same where the field has no data: constant, per log odds of a network. Source: fitted:
+#: `feasigrasp fit certainty`.
 UNOBSERVED_CLEARANCE = (1.044, 0.201)
-#: The mean log odds of two probabilities.
+#: The mean log odds of two probabilities. Source: formula.
 MEAN = (0.0, 0.5, 0.5)
-_LEAST_PROBABILITY = 1e-4
-#: Further away than this a hand is certainly free [m].
+#: Further away than this a hand is certainly free [m]. Source: guessed.
 FAR = 0.012
 
 
@@ -61,12 +59,16 @@ def clearance_evidence(clearance: Array, deviation: Array) -> Array:
         clearance: Least distance of the hand from the completed surface, shape (n,) [m].
         deviation: Predicted deviation of the surface where the hand is closest, shape (n,) [m].
     """
-    return clearance / (_CLEARANCE_ERROR + _DEVIATION_SHARE * deviation)
+    # Error of a clearance: where the surface was seen [m], and per predicted deviation.
+    clearance_error, deviation_share = 0.003, 0.67
+    return clearance / (clearance_error + deviation_share * deviation)
 
 
 def odds(p: Array) -> Array:
     """Log odds of probabilities (n,)."""
-    p = np.clip(p, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY)
+    # Probabilities are kept this far from 0 and 1. Source: numerical.
+    least_probability = 1e-4
+    p = np.clip(p, least_probability, 1.0 - least_probability)
     return np.asarray(np.log(p / (1.0 - p)))
 
 
@@ -80,7 +82,9 @@ def probability(coefficients: tuple[float, ...], *evidence: Array) -> Array:
 def _patch_angle(gpdf: Gpdf, contact: Array, outward: Array, pairs: GraspSet) -> Array:
     """Mean angle between a direction and the normals of a patch round each contact (n,) [rad]."""
     y, z = pairs.X_OG[:, :3, 1], pairs.X_OG[:, :3, 2]
-    around = np.stack([y, -y, z, -z], axis=1) * PATCH_RADIUS + contact[:, None]
+    # Distance from a contact to the surface points round it whose normals count as well [m]: the
+    # completed surface is off by a few millimetres, and beside an edge another face is met.
+    around = np.stack([y, -y, z, -z], axis=1) * 0.004 + contact[:, None]
     _, _, normals = gpdf.refine(around.reshape(-1, 3), 2)
     cosine = np.einsum("nki,ni->nk", normals.reshape(-1, 4, 3), outward)
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)).mean(axis=1))

@@ -28,9 +28,6 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 # sign joints 5 to 7: the travel times of the eight branches are maxima of few numbers.
 
 _PI = float(np.pi)
-#: Where the shoulder takes longest, both signs of the wrist are equally soon, and the other way
-#: round: so little of the shorter time is added that the smaller motion wins.
-_TIE = 1e-9
 
 
 class RedundancySamples(NamedTuple):
@@ -152,23 +149,25 @@ def travel_times_kernel(circle, q, margin, samples):
 
 @compiled
 def _branch_times(s0, s1, w0, w1, elbow_plus, elbow_minus, time):
+    # Where the shoulder takes longest, both signs of the wrist are equally soon, and the other way
+    # round: so little of the shorter time is added that the smaller motion wins.
+    tie = 1e-9
     n = len(s0) // 2
     for half in range(2):
         elbow = elbow_plus if half == 0 else elbow_minus
         for k in range(half * n, half * n + n):
             a, b = max(s0[k], elbow), max(s1[k], elbow)
             c, d = w0[k], w1[k]
-            time[0, k] = max(a, c) + _TIE * min(a, c)
-            time[1, k] = max(a, d) + _TIE * min(a, d)
-            time[2, k] = max(b, c) + _TIE * min(b, c)
-            time[3, k] = max(b, d) + _TIE * min(b, d)
+            time[0, k] = max(a, c) + tie * min(a, c)
+            time[1, k] = max(a, d) + tie * min(a, d)
+            time[2, k] = max(b, c) + tie * min(b, c)
+            time[3, k] = max(b, d) + tie * min(b, d)
 
 
+#: A full turn [rad]. Source: formula.
 _TWO_PI = 2.0 * np.pi
-_MAX_ZEROS = 20
-#: Zeros that are closer than this [rad] count as one: windows that narrow are left out.
-_RESOLUTION = 1e-10
-# Rows of the coefficients: x, y of joints 1, 3, 5, 7, then the cosines of joints 2 and 6.
+#: Rows of the coefficients: x, y of joints 1, 3, 5, 7, then the cosines of joints 2 and 6. Source:
+#: layout.
 _TURNING = (0, 2, 4, 6)
 _BENDING = (1, 5)
 
@@ -197,8 +196,10 @@ class Segments(NamedTuple):
 @compiled
 def make_segments(margin):
     """Scratch memory for the segments of one pose, ``margin`` [rad] inside the joint limits."""
+    # Zeros that a joint's limits can have, at most, over the arm angle. Source: numerical.
+    max_zeros = 20
     limit = np.minimum(IIWA_7.position_limits - margin, np.pi)
-    start, branches = np.empty(_MAX_ZEROS + 1), np.empty(_MAX_ZEROS + 1, dtype=np.int64)
+    start, branches = np.empty(max_zeros + 1), np.empty(max_zeros + 1, dtype=np.int64)
     return Segments(limit, np.sin(limit), np.cos(limit), np.empty((10, 3)), start, branches)
 
 
@@ -254,7 +255,8 @@ def _cut(segments):
         zeros[j] = zero
     distinct = min(count, 1)
     for i in range(1, count):
-        if zeros[i] - zeros[distinct - 1] > _RESOLUTION:
+        # Zeros that are closer than this [rad] count as one: windows that narrow are left out.
+        if zeros[i] - zeros[distinct - 1] > 1e-10:
             zeros[distinct] = zeros[i]
             distinct += 1
     return distinct

@@ -30,12 +30,8 @@ from feasigrasp.models.quantities import ANY_POSES, ArrayOf
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 _BASE_SHOULDER, _SHOULDER_ELBOW, _ELBOW_WRIST, _WRIST_FLANGE = IIWA_7.lengths
-#: So much farther than the stretched arm [m] the wrist may be: rounding of a pose on the edge.
-REACH_TOLERANCE = 1e-12
-#: Largest deviation of a pose's rotation matrix from a rotation, summed.
+#: Largest deviation of a pose's rotation matrix from a rotation, summed. Source: numerical.
 ROTATION_TOLERANCE = 1e-4
-#: Below this sine of joint 2 or 6, the axes of the joints beside it count as parallel.
-SINGULAR = 1e-12
 
 
 class SelfMotion(NamedTuple):
@@ -75,6 +71,8 @@ _NO_CIRCLE = SelfMotion(False, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, (0.0
 @compiled
 def self_motion_kernel(X_WF):
     """The `SelfMotion` of a flange pose (4, 4); not ``reached`` if it is too far, or no pose."""
+    # So much farther than the stretched arm [m] the wrist may be: rounding of a pose on the edge.
+    reach_tolerance = 1e-12
     r00, r01, r02 = X_WF[0, 0], X_WF[0, 1], X_WF[0, 2]
     r10, r11, r12 = X_WF[1, 0], X_WF[1, 1], X_WF[1, 2]
     r20, r21, r22 = X_WF[2, 0], X_WF[2, 1], X_WF[2, 2]
@@ -88,7 +86,7 @@ def self_motion_kernel(X_WF):
     error = abs(r00 * r00 + r10 * r10 + r20 * r20 - 1.0) + abs(r00 * r01 + r10 * r11 + r20 * r21)
     error += abs(r01 * r01 + r11 * r11 + r21 * r21 - 1.0) + abs(r10 * r21 - r20 * r11 - r02)
     error += abs(r20 * r01 - r00 * r21 - r12) + abs(r00 * r11 - r10 * r01 - r22)
-    reached = far >= -REACH_TOLERANCE and near >= -REACH_TOLERANCE and length >= 1e-9
+    reached = far >= -reach_tolerance and near >= -reach_tolerance and length >= 1e-9
     if not (reached and error < ROTATION_TOLERANCE):
         return _NO_CIRCLE
     # Half of q4 from the triangle's sides: no cancellation next to a stretched or folded arm.
@@ -128,6 +126,8 @@ def configuration_kernel(circle, s_psi, c_psi, branch, q):
     first, so that the product is exact next to the singularities too. Where joint 2 or 6 is zero,
     the joints beside it have a common axis: then joint 3 or 7 is zero (pi in the other branch).
     """
+    # Below this sine of joint 2 or 6, the axes of the joints beside it count as parallel.
+    singular = 1e-12
     elbow = 1.0 if branch < 4 else -1.0
     s, c = elbow * s_psi, elbow * c_psi  # of the elbow angle phi
     c_a, s_a, c_g, s_g = circle.c_a, circle.s_a, circle.c_g, circle.s_g
@@ -140,7 +140,7 @@ def configuration_kernel(circle, s_psi, c_psi, branch, q):
     r = np.sqrt(x * x + y * y)
     m00, m01 = c_g * c * c_b - s_g * s_b, -c_g * s
     m10, m11 = s * c_b, c
-    if r > SINGULAR:
+    if r > singular:
         c_1, s_1 = x / r, y / r
     else:
         c_1, s_1 = elbow * m11, -elbow * m01
@@ -156,7 +156,7 @@ def configuration_kernel(circle, s_psi, c_psi, branch, q):
     r = np.sqrt(x * x + y * y)
     m00, m01 = c_d * t0 + s_d * w20, c_d * t1 + s_d * w21
     m10, m11 = c * w10 - s * w00, c * w11 - s * w01
-    if r > SINGULAR:
+    if r > singular:
         c_5, s_5 = x / r, y / r
     else:
         c_5, s_5 = m11, -m01

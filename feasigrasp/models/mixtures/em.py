@@ -23,11 +23,8 @@ from feasigrasp.models.numerics.small_cholesky import cholesky_kernel
 
 #: Poses per block: the tangents of a block to 64 components (400 kB) stay in the L2 cache. With 32,
 #: a seeded fit to 24 poses takes half as long (1.8 ms), but its sums are rounded in another way.
+#: Source: measured.
 BLOCK = 128
-#: Within one M step a mean has settled when it moves less than this [rad, m / length scale]; over
-#: the EM iterations it converges further.
-_MEAN_TOLERANCE = 1e-2
-_MEAN_ITERATIONS = 5
 
 
 class Samples(NamedTuple):
@@ -268,6 +265,10 @@ def expectation_maximization(
         Weights (K',), means (K', 4, 4), covariances (K', 6, 6) and the log likelihood of every
         E step; K' <= K.
     """
+    # Within one M step a mean has settled when it moves less than this [rad, m / length scale];
+    # over the EM iterations it converges further.
+    mean_tolerance = 1e-2
+    mean_iterations = 5
     k, n_total = len(means), 0.0
     for i in range(len(samples.weights)):
         n_total += samples.weights[i]
@@ -302,9 +303,9 @@ def expectation_maximization(
             break
         previous = likelihood
         targets[:k] = means[:k]
-        for _ in range(_MEAN_ITERATIONS):
+        for _ in range(mean_iterations):
             move = _move_means(targets[:k], mass, first, scale)
-            if move < _MEAN_TOLERANCE:
+            if move < mean_tolerance:
                 break
             _pass(samples, estimate, targets[:k], True, mass, first, second)
         for i in range(k):

@@ -18,10 +18,8 @@ from feasigrasp.models.mixtures.em import Samples, Stop, expectation_maximizatio
 from feasigrasp.models.mixtures.mixture import RiemannianMixture, bic
 from feasigrasp.models.quantities import POSES, ArrayOf, Count, Number, Positive
 
-#: The distance that weighs as much as one radian in seeding [m/rad].
+#: The distance that weighs as much as one radian in seeding [m/rad]. Source: guessed.
 _LENGTH_SCALE = 0.1
-#: Squared distance [rad^2] under which a pose counts as a duplicate of a seed.
-_DUPLICATE = 1e-12
 
 
 @compiled
@@ -47,7 +45,8 @@ def seed_means(
     candidate, best = np.empty(n), np.empty(n)
     count, potential = 0, np.inf
     for i in range(k):
-        if i > 0 and potential <= _DUPLICATE * n:
+        # Squared distance [rad^2] under which a pose counts as a duplicate of a seed.
+        if i > 0 and potential <= 1e-12 * n:
             break
         lowest = np.inf
         for j in range(draws.shape[1]):

@@ -26,33 +26,11 @@ from feasigrasp.models.compiled import compiled, fused
 # They are inlined with flags of their own: permission to reorder sums would fold the rounding trick
 # of `exp2_of_minus` away; callers stay free to use ``fastmath``.
 
-#: Adding 1.5 * 2^52 rounds to a whole number and leaves it in the low mantissa bits.
+#: Adding 1.5 * 2^52 rounds to a whole number and leaves it in the low mantissa bits. Source:
+#: numerical.
 _TO_BITS = 6755399441055744.0
-#: Largest argument of `exp2_of_minus`.
+#: Largest argument of `exp2_of_minus`. Source: numerical.
 MAX_EXPONENT = 1020.0
-# 2^f on [-0.5, 0.5]: minimax in the relative error, 1.3e-14 (Remez exchange in 50 digits).
-_E0, _E1, _SIMD_E2, _SIMD_E3, _SIMD_E4, _SIMD_E5, _SIMD_E6, _SIMD_E7, _SIMD_E8, _SIMD_E9 = (
-    1.0000000000000127617,
-    0.69314718055987097774,
-    0.24022650695649659194,
-    0.055504108668685273599,
-    0.0096181291920658570673,
-    0.0013333557617650289136,
-    0.00015403434948994396279,
-    0.000015252984814882096451,
-    1.3259405424714457925e-6,
-    1.0150340875467397667e-7,
-)
-# Halving the exponent of x by its bits gives 1/sqrt(x) to 3.4 %.
-_HALVED = 0x5FE6EC85E7DE30DA
-# 1/sqrt(1 - e) for the |e| < 0.0702 that this leaves: minimax in the relative error, 2.6e-8.
-_S0, _S1, _S2, _SIMD_S3, _S4 = (
-    1.0000000007726003269,
-    0.4999981214147179447,
-    0.37499702349068071752,
-    0.3140226288025275392,
-    0.27508789921877799144,
-)
 
 
 def _wide_vectors(typing_context: Any) -> Any:
@@ -78,17 +56,30 @@ def exp2_of_minus(r: float) -> float:
     With u = round(-r) and the rest f in [-0.5, 0.5]: the polynomial of 2^f, its even and odd part
     apart to halve the chain of dependent operations, and u added to the exponent bits.
     """
+    # 2^f on [-0.5, 0.5]: minimax in the relative error, 1.3e-14 (Remez exchange in 50 digits).
+    e0, e1, simd_e2, simd_e3, simd_e4, simd_e5, simd_e6, simd_e7, simd_e8, simd_e9 = (
+        1.0000000000000127617,
+        0.69314718055987097774,
+        0.24022650695649659194,
+        0.055504108668685273599,
+        0.0096181291920658570673,
+        0.0013333557617650289136,
+        0.00015403434948994396279,
+        0.000015252984814882096451,
+        1.3259405424714457925e-6,
+        1.0150340875467397667e-7,
+    )
     bits = _TO_BITS - r
     f = (_TO_BITS - bits) - r
     g = f * f
-    even = fused(g, _SIMD_E8, _SIMD_E6)
-    odd = fused(g, _SIMD_E9, _SIMD_E7)
-    even = fused(g, even, _SIMD_E4)
-    odd = fused(g, odd, _SIMD_E5)
-    even = fused(g, even, _SIMD_E2)
-    odd = fused(g, odd, _SIMD_E3)
-    even = fused(g, even, _E0)
-    odd = fused(g, odd, _E1)
+    even = fused(g, simd_e8, simd_e6)
+    odd = fused(g, simd_e9, simd_e7)
+    even = fused(g, even, simd_e4)
+    odd = fused(g, odd, simd_e5)
+    even = fused(g, even, simd_e2)
+    odd = fused(g, odd, simd_e3)
+    even = fused(g, even, e0)
+    odd = fused(g, odd, e1)
     p = fused(f, odd, even)
     shifted = np.float64(p).view(np.int64) + (np.float64(bits).view(np.int64) << 52)
     return np.int64(shifted).view(np.float64)
@@ -97,29 +88,34 @@ def exp2_of_minus(r: float) -> float:
 @compiled(forceinline=True)
 def rough_inverse_sqrt(x: float) -> float:
     """``1/sqrt(x)`` for normal ``x > 0`` to 2.6e-8; one Newton step makes it 1e-15."""
-    y = np.int64(_HALVED - (np.float64(x).view(np.int64) >> 1)).view(np.float64)
+    # 1/sqrt(1 - e) for the |e| < 0.0702 that this leaves: minimax in the relative error, 2.6e-8.
+    s0, s1, s2, s3, s4 = (
+        1.0000000007726003269,
+        0.4999981214147179447,
+        0.37499702349068071752,
+        0.3140226288025275392,
+        0.27508789921877799144,
+    )
+    # Halving the exponent of x by its bits gives 1/sqrt(x) to 3.4 %.
+    y = np.int64(0x5FE6EC85E7DE30DA - (np.float64(x).view(np.int64) >> 1)).view(np.float64)
     e = fused(-(x * y), y, 1.0)
-    p = fused(e, _S4, _SIMD_S3)
-    p = fused(e, p, _S2)
-    p = fused(e, p, _S1)
-    p = fused(e, p, _S0)
+    p = fused(e, s4, s3)
+    p = fused(e, p, s2)
+    p = fused(e, p, s1)
+    p = fused(e, p, s0)
     return y * p
 
 
-# Exponential: x = k ln 2 + f with |f| <= ln(2) / 2, the Taylor polynomial of e^f (degree 12,
-# remainder 2e-16), and the factor 2^k written into the exponent bits.
-_LOG2_E = 1.4426950408889634
-# ln 2 in two parts, so that x - k ln 2 loses nothing for the |k| < 1100 that can occur.
+#: ln 2 in two parts, so that x - k ln 2 loses nothing for the |k| < 1100 that can occur. Source:
+#: numerical.
 _LN2_HIGH = 6.93145751953125e-1
 _LN2_LOW = 1.42860682030941723212e-6
+#: Arguments are not taken for less: the exponential would be below any number. Source: numerical.
 _LOWEST = -708.0
 _E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10, _E11, _E12 = (
     1.0 / factorial(i) for i in range(2, 13)
 )
 
-# Sine and cosine: x = k pi/2 + f with |f| <= pi/4, the Taylor polynomials of sin f and cos f
-# (degrees 17 and 18, remainders below 1e-18), and k mod 4 says which of the two, with which sign.
-_TWO_OVER_PI = 0.6366197723675814
 # The hexadecimal digits of pi/2 in three parts; the first two have so few bits that k times them is
 # exact for |k| < 2^20.
 _PI_2_HIGH = float.fromhex("0x1.921fb544p0")
@@ -130,11 +126,14 @@ _S3, _S5, _S7, _S9, _S11, _S13, _S15, _S17 = (
 )
 _C4, _C6, _C8, _C10, _C12, _C14, _C16, _C18 = ((-1.0) ** i / factorial(2 * i) for i in range(2, 10))
 
-# Arctangent: the ratio of the smaller to the larger argument, turned by 45 degrees where it exceeds
-# tan(22.5 deg), is t with |t| <= tan(22.5 deg); there atan(t) / t is a polynomial in t^2.
+#: Arctangent: the ratio of the smaller to the larger argument, turned by 45 degrees where it
+#: exceeds tan(22.5 deg), is t with |t| <= tan(22.5 deg); there atan(t) / t is a polynomial in t^2.
+#: Source: numerical.
 _TAN_PI_8 = float(np.sqrt(2.0) - 1.0)
+#: Half and quarter of pi. Source: formula.
 _PI, _PI_2, _PI_4 = float(np.pi), float(np.pi / 2), float(np.pi / 4)
-_TINY = 1e-300  # keeps 0 / 0 away; atan2(0, 0) is 0
+#: Keeps 0 / 0 away; atan2(0, 0) is 0. Source: numerical.
+_TINY = 1e-300
 # Interpolation at 13 Chebyshev nodes: remainder below 1e-17, since the nearest singularity of
 # atan(sqrt z) / sqrt z lies at z = -1.
 _A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10, _A11, _A12 = (
@@ -155,7 +154,9 @@ def fast_exp(x: float) -> float:
     the two parts of ln 2).
     """
     x = max(x, _LOWEST)
-    k = np.floor(x * _LOG2_E + 0.5)
+    # Exponential: x = k ln 2 + f with |f| <= ln(2) / 2, the Taylor polynomial of e^f (degree 12,
+    # remainder 2e-16), and the factor 2^k written into the exponent bits.
+    k = np.floor(x * 1.4426950408889634 + 0.5)
     f = (x - k * _LN2_HIGH) - k * _LN2_LOW
     p = _E11 + f * _E12
     p = _E10 + f * p
@@ -178,7 +179,10 @@ def fast_exp(x: float) -> float:
 @compiled(forceinline=True)
 def fast_sincos(x: float) -> tuple[float, float]:
     """``sin x`` and ``cos x`` for ``|x| <= 1e6``, absolute error below 4e-16; NaN gives NaN."""
-    rounded = fused(x, _TWO_OVER_PI, _TO_BITS)
+    # Sine and cosine: x = k pi/2 + f with |f| <= pi/4, the Taylor polynomials of sin f and cos f
+    # (degrees 17 and 18, remainders below 1e-18), and k mod 4 says which of the two, with which
+    # sign.
+    rounded = fused(x, 0.6366197723675814, _TO_BITS)
     k = rounded - _TO_BITS
     f = fused(-k, _PI_2_LOW, fused(-k, _PI_2_MIDDLE, fused(-k, _PI_2_HIGH, x)))
     z = f * f

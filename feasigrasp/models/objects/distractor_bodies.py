@@ -19,21 +19,6 @@ from feasigrasp.models.objects.rigid_object import RigidObject
 # The frame C of a carrier has its origin in that of the object, O, and at the start the axes of the
 # world W: x leads away from the arm, z up.
 
-#: How far fingers reach over an object at most [m], and over which share of its depth.
-_REACH, _SHARE = 0.03, 0.35
-#: A finger: thickness across the object, width, and how far the palm is behind the object [m].
-_THICK, _WIDE, _CLEAR = 0.014, 0.016, 0.02
-#: The distance between the middles of two fingers side by side [m].
-_BESIDE = 0.022
-#: Palm: thickness, least width, height. Forearm: length, width and height [m].
-_PALM, _FOREARM = (0.03, 0.08, 0.09), (0.30, 0.06, 0.06)
-#: A belt: its length and width, and how thick it is [m].
-_BELT = (0.20, 0.26, 0.01)
-#: A belt starts this far below what is on it [m].
-_GAP = 0.001
-#: Points that stand for a surface.
-_POINTS = 6000
-
 
 class CarrierKind(StrEnum):
     """Kinds of carriers."""
@@ -57,7 +42,8 @@ def carrier_mesh(kind: CarrierKind, surface_C: trimesh.Trimesh) -> trimesh.Trime
         kind: Which one; not ``none``.
         surface_C: The object's surface in C.
     """
-    amid, _ = trimesh.sample.sample_surface(surface_C, _POINTS, seed=0)
+    # Points that stand for a surface.
+    amid, _ = trimesh.sample.sample_surface(surface_C, 6000, seed=0)
     points = np.concatenate([surface_C.vertices, amid])  # vertices are its ends
     boxes = _hand(points) if kind is CarrierKind.HAND else _belt(points)
     mesh = trimesh.Trimesh()
@@ -68,36 +54,47 @@ def carrier_mesh(kind: CarrierKind, surface_C: trimesh.Trimesh) -> trimesh.Trime
 
 def _hand(points: Array) -> list[tuple[Array, Array]]:
     """Thumb, two fingers, palm and forearm as lower and upper corners [m]."""
+    # Palm: thickness, least width, height. Forearm: length, width and height [m].
+    palm, forearm = (0.03, 0.08, 0.09), (0.30, 0.06, 0.06)
+    # The distance between the middles of two fingers side by side [m].
+    beside = 0.022
+    # A finger: thickness across the object, width, and how far the palm is behind the object [m].
+    thick, wide, clear = 0.014, 0.016, 0.02
+    # How far fingers reach over an object at most [m], and over which share of its depth.
+    reach, share = 0.03, 0.35
     back = points[:, 0].max()
-    tips = back - min(_REACH, _SHARE * np.ptp(points[:, 0]))
+    tips = back - min(reach, share * np.ptp(points[:, 0]))
     held = points[points[:, 0] >= tips]
     height = float(np.median(held[:, 2]))
-    level = held[np.abs(held[:, 2] - height) <= _BESIDE]
+    level = held[np.abs(held[:, 2] - height) <= beside]
     low, high = level[:, 1].min(), level[:, 1].max()
-    palm_at = back + _CLEAR
+    palm_at = back + clear
     boxes = [
-        _between((tips, palm_at), (high, high + _THICK), _about(height, _WIDE)),
+        _between((tips, palm_at), (high, high + thick), _about(height, wide)),
         *(
-            _between((tips, palm_at), (low - _THICK, low), _about(height + up, _WIDE))
-            for up in (-_BESIDE / 2, _BESIDE / 2)
+            _between((tips, palm_at), (low - thick, low), _about(height + up, wide))
+            for up in (-beside / 2, beside / 2)
         ),
     ]
-    middle, width = (low + high) / 2, max(high - low + 2 * _THICK, _PALM[1])
+    middle, width = (low + high) / 2, max(high - low + 2 * thick, palm[1])
     boxes.append(
-        _between((palm_at, palm_at + _PALM[0]), _about(middle, width), _about(height, _PALM[2]))
+        _between((palm_at, palm_at + palm[0]), _about(middle, width), _about(height, palm[2]))
     )
-    wrist = palm_at + _PALM[0]
+    wrist = palm_at + palm[0]
     boxes.append(
         _between(
-            (wrist, wrist + _FOREARM[0]), _about(middle, _FOREARM[1]), _about(height, _FOREARM[2])
+            (wrist, wrist + forearm[0]), _about(middle, forearm[1]), _about(height, forearm[2])
         )
     )
     return boxes
 
 
 def _belt(points: Array) -> list[tuple[Array, Array]]:
-    top = points[:, 2].min() - _GAP
-    return [_between(_about(0.0, _BELT[0]), _about(0.0, _BELT[1]), (top - _BELT[2], top))]
+    # A belt starts this far below what is on it [m].
+    # A belt: its length and width, and how thick it is [m].
+    belt = (0.20, 0.26, 0.01)
+    top = points[:, 2].min() - 0.001
+    return [_between(_about(0.0, belt[0]), _about(0.0, belt[1]), (top - belt[2], top))]
 
 
 def _about(middle: float, size: float) -> tuple[float, float]:
@@ -109,10 +106,8 @@ def _between(*sides: tuple[float, float]) -> tuple[Array, Array]:
     return low, high
 
 
-#: How fast a carrier draws back when it has let go [m/s], and how far [m].
+#: How fast a carrier draws back when it has let go [m/s], and how far [m]. Source: guessed.
 WITHDRAWAL_SPEED, WITHDRAWAL = 0.3, 0.5
-#: Colour of a carrier without a hue of its own, and saturation and value of one with it.
-_SKIN, _VIVID = (0.80, 0.58, 0.45), (0.9, 0.85)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +160,9 @@ class Carrier(DistractorBody):
             motion: Where it carries it.
             hue: Of its colour [deg]; None for that of skin.
         """
-        color = _SKIN if hue is None else hsv_to_rgb(hue / 360.0, *_VIVID)
+        # Colour of a carrier without a hue of its own, and saturation and value of one with it.
+        skin, vivid = (0.80, 0.58, 0.45), (0.9, 0.85)
+        color = skin if hue is None else hsv_to_rgb(hue / 360.0, *vivid)
         R_OC = motion.pose(0.0)[:3, :3].T
         surface_C = trimesh.Trimesh(obj.vertices @ R_OC, obj.faces, process=False)
         X_OC = se3.make_pose(R_OC, np.zeros(3))

@@ -22,23 +22,11 @@ from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.objects.mesh_cache import LARGE
 from feasigrasp.outputs import write_text
 
-#: Largest side of a body that an arm of this size can have to do with [m].
-MIN_EXTENT, MAX_EXTENT = 0.005, 1.0
-#: Faces beyond this number slow contact down without changing a grasp.
+#: Faces beyond this number slow contact down without changing a grasp. Source: guessed.
 MAX_FACES = 4000
-#: Faces from which on decimation takes long enough to be announced.
-_MANY_FACES = 200_000
-#: Tolerance that manifold3d is given, as a share of the one that is kept: what several collapses in
-#: a row move adds up, to 0.73 times the tolerance on the built-in objects with this share.
-_OF_TOLERANCE = 0.5
-#: Bodies with less than this share of the largest one's volume are crumbs of a scan; a shell of
-#: which more than this share is in another body is inside it.
-_CRUMB, _INSIDE = 0.01, 0.999
-#: Of a mesh in more sheets than these no wall is looked for: it is torn.
+#: Of a mesh in more sheets than these no wall is looked for: it is torn. Source: guessed.
 _MOST_SHEETS = 10
 _UNITED, _TURNED = "united bodies that touch or overlap", "normals turned outward"
-#: Edges sharper than this stay sharp in the shading [rad].
-_CREASE = np.radians(40.0)
 
 
 def read_solid(path: Path, scale: float = 1.0) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
@@ -101,7 +89,8 @@ def decimate(mesh: trimesh.Trimesh, max_faces: int) -> tuple[trimesh.Trimesh, tu
     with needed_by(f"reducing a mesh of {len(mesh.faces)} faces to {max_faces}"):
         import open3d as o3d  # a slow import that most objects never need
 
-    if len(mesh.faces) >= _MANY_FACES:
+    # Faces from which on decimation takes long enough to be announced.
+    if len(mesh.faces) >= 200_000:
         text = f"decimating {len(mesh.faces)} faces to {max_faces}, a minute per million"
         tqdm.write(text, file=sys.stderr)
     fine = o3d.geometry.TriangleMesh(
@@ -131,7 +120,9 @@ def decimate_within(mesh: trimesh.Trimesh, tolerance: float) -> trimesh.Trimesh:
     fine = _manifold(mesh)
     if fine.status() != Error.NoError:
         return mesh
-    return _trimesh(fine.simplify(_OF_TOLERANCE * tolerance))
+    # Tolerance that manifold3d is given, as a share of the one that is kept: what several collapses
+    # in a row move adds up, to 0.73 times the tolerance on the built-in objects with this share.
+    return _trimesh(fine.simplify(0.5 * tolerance))
 
 
 def write_obj(path: Path, vertices: Array, faces: Indices) -> None:
@@ -189,8 +180,10 @@ def _read(path: Path) -> trimesh.Trimesh:
 
 
 def _check_extent(mesh: trimesh.Trimesh, path: Path, scale: float) -> None:
+    # Largest side of a body that an arm of this size can have to do with [m].
+    min_extent, max_extent = 0.005, 1.0
     extent = float(mesh.extents.max())
-    if MIN_EXTENT <= extent <= MAX_EXTENT:
+    if min_extent <= extent <= max_extent:
         return
     units = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "metres": 1.0}
     fits = [
@@ -201,7 +194,7 @@ def _check_extent(mesh: trimesh.Trimesh, path: Path, scale: float) -> None:
     mend = " or ".join(fits) or f"scale={scale * 0.1 / extent:.2g} (largest side 0.1 m)"
     raise MeshError(
         f"{path}: the largest side is {extent:.4g} m with scale={scale:g}, outside "
-        f"[{MIN_EXTENT}, {MAX_EXTENT}] m; the file is probably not in metres. Try {mend}."
+        f"[{min_extent}, {max_extent}] m; the file is probably not in metres. Try {mend}."
     )
 
 
@@ -258,6 +251,9 @@ def _one_solid(mesh: trimesh.Trimesh, path: Path) -> tuple[trimesh.Trimesh, tupl
 
 def _joined(shells: list[trimesh.Trimesh], notes: list[str]) -> tuple[trimesh.Trimesh, list[float]]:
     """What closed shells enclose, and the volumes of its bodies [m^3]; adds to the notes."""
+    # Bodies with less than this share of the largest one's volume are crumbs of a scan; a shell of
+    # which more than this share is in another body is inside it.
+    crumb, inside = 0.01, 0.999
     whole, crumbs, lost, turned = Manifold(), Manifold(), [], False
     bodies: list[float] = []
     shells = sorted(shells, key=lambda shell: -abs(_volume(shell)))
@@ -266,14 +262,12 @@ def _joined(shells: list[trimesh.Trimesh], notes: list[str]) -> tuple[trimesh.Tr
         if inward:
             shell.invert()
         solid = _manifold(shell)
-        hollow, in_crumb = (
-            (other ^ solid).volume() > _INSIDE * volume for other in (whole, crumbs)
-        )
+        hollow, in_crumb = ((other ^ solid).volume() > inside * volume for other in (whole, crumbs))
         turned |= inward != (hollow or in_crumb)
         joined = whole - solid if hollow else whole + solid
         found = [part.volume() for part in joined.decompose() if part.volume() > 0.0]
         apart = len(found) > len(bodies)
-        if in_crumb or (apart and bodies and volume < _CRUMB * abs(_volume(shells[0]))):
+        if in_crumb or (apart and bodies and volume < crumb * abs(_volume(shells[0]))):
             crumbs += solid
             lost += [] if in_crumb else [volume]
             continue
@@ -329,7 +323,8 @@ def _crease_normals(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
         Normals (k, 3), and the normal's index of every corner of every face (m, 3).
     """
     mesh = trimesh.Trimesh(vertices, faces, process=False)
-    smooth = mesh.face_adjacency_angles < _CREASE
+    # Edges sharper than this stay sharp in the shading [rad].
+    smooth = mesh.face_adjacency_angles < np.radians(40.0)
     pairs, edges = mesh.face_adjacency[smooth], mesh.face_adjacency_edges[smooth]
     # A node per corner; corners of two smoothly joined faces at a common vertex are one.
     corner_of = {

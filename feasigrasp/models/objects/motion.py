@@ -22,6 +22,7 @@ from feasigrasp.models.geometry.se3 import so3_exp
 from feasigrasp.models.geometry.se3_kernels import so3_exp_kernel
 from feasigrasp.models.quantities import POINT, ArrayOf
 
+#: A vector of three numbers. Source: layout.
 _THREE, _ROTATION = ArrayOf((3,)), ArrayOf((3, 3), rotation=True)
 
 
@@ -118,14 +119,9 @@ def motion_kernel(parameters, t):
     return X, V, a
 
 
-#: How quickly the object gains speed after a stop, and loses it before one [m/s^2].
+#: How quickly the object gains speed after a stop, and loses it before one [m/s^2]. Source:
+#: guessed.
 ACCELERATION = 3.0
-#: Points of a leg at which its length is measured.
-_POINTS = 200
-#: Number of places drawn for a leg, which goes to the farthest of them.
-_CHOICE = 4
-#: Inner control points are this far off the straight way at most, per length of it.
-_BEND = 0.3
 
 
 def bezier_legs(rng: np.random.Generator, center: Array, size: Array, count: int = 16) -> Array:
@@ -145,12 +141,14 @@ def bezier_legs(rng: np.random.Generator, center: Array, size: Array, count: int
     low, high = center - 0.5 * size, center + 0.5 * size
     places = [rng.uniform(low, high)]
     for _ in range(count - 1):
-        drawn = rng.uniform(low, high, (_CHOICE, 3))
+        # Of so many places that are drawn, a leg goes to the farthest.
+        drawn = rng.uniform(low, high, (4, 3))
         places.append(drawn[np.argmax(np.linalg.norm(drawn - places[-1], axis=1))])
     start, end = np.array(places), np.roll(places, -1, axis=0)
     way = end - start
     aside = rng.uniform(-1.0, 1.0, (2, count, 3)) / np.sqrt(3.0)
-    aside *= _BEND * np.linalg.norm(way, axis=1)[:, None]
+    # Inner control points are this far off the straight way at most, per length of it.
+    aside *= 0.3 * np.linalg.norm(way, axis=1)[:, None]
     inner = start + way / 3.0 + aside[0], end - way / 3.0 + aside[1]
     return np.stack([start, *np.clip(inner, low, high), end], axis=1)
 
@@ -201,7 +199,8 @@ class BezierMotion(ObjectMotion):
     @cached_property
     def _curves(self) -> list[CubicSpline]:
         """The legs as functions of the length along them."""
-        u = np.linspace(0.0, 1.0, _POINTS)[:, None]
+        # Points of a leg at which its length is measured.
+        u = np.linspace(0.0, 1.0, 200)[:, None]
         curves = []
         for a, b, c, d in self.legs:
             p = (1 - u) ** 3 * a + 3 * (1 - u) ** 2 * u * b + 3 * (1 - u) * u**2 * c + u**3 * d

@@ -21,19 +21,17 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import so3_exp_kernel, so3_log_kernel
 
-#: Time between the stored points of the path [s], and their number.
+#: Time between the stored points of the path [s], and their number. Source: guessed.
 PATH_STEP, PATH_LENGTH = 0.1, 45
-#: Standard deviation of a measurement at least [m, rad]: keeps the covariance positive.
+#: Standard deviation of a measurement at least [m, rad]: keeps the covariance positive. Source:
+#: numerical.
 _FLOOR = 1e-6
-#: What is known before the first measurement: standard deviations of velocity and acceleration.
-_PRIOR_V, _PRIOR_A = 1.0, 2.0
-#: A measurement this far from the prediction is a jump [m, rad]. It is gated until others
-#: have agreed with it for this long [s]; then the filter starts again there.
+#: A measurement this far from the prediction is a jump [m, rad]. It is gated until others have
+#: agreed with it for this long [s]; then the filter starts again there. Source: guessed.
 _JUMP, _JUMP_FOR = 0.15, 0.1
-#: After this long without a measurement nothing of the motion before is worth anything [s].
-_FORGOTTEN = 1.0
 
-#: Size of the state vector, see `State`: 58 numbers, and 12 for every point of the path.
+#: Size of the state vector, see `State`: 58 numbers, and 12 for every point of the path. Source:
+#: layout.
 STATE_SIZE = 58 + 12 * PATH_LENGTH
 
 
@@ -124,8 +122,10 @@ def empty_state() -> Array:
 
 @compiled
 def _start(C, sigma):
+    # What is known before the first measurement: standard deviations of velocity and acceleration.
+    prior_v, prior_a = 1.0, 2.0
     C[:] = 0.0
-    C[0, 0], C[1, 1], C[2, 2] = sigma**2, _PRIOR_V**2, _PRIOR_A**2
+    C[0, 0], C[1, 1], C[2, 2] = sigma**2, prior_v**2, prior_a**2
 
 
 @compiled
@@ -248,7 +248,8 @@ def measure_kernel(state, t, X, noise):
     if not np.isfinite(X.sum()) or t <= s.time[0]:
         return
     dt = t - s.time[0]
-    if np.isnan(dt) or dt > _FORGOTTEN:
+    # After this long without a measurement nothing of the motion before is worth anything [s].
+    if np.isnan(dt) or dt > 1.0:
         _restart(state, t, X, noise)
         _remember(state, t)
         return

@@ -40,19 +40,13 @@ from feasigrasp.models.objects.pose_filter import PATH_STEP, parts, pose_kernel,
 #
 # is exact without a drift, but biased by noise; Gauss-Newton steps refine it.
 
-#: The lag h, in steps of the path.
+#: The lag h, in steps of the path. Source: guessed.
 _LAG = 4
 #: Deviation of the path from the oscillation that noise alone explains [m]: of the differences, and
-#: of a tracker.
+#: of a tracker. Source: guessed.
 _PATH_NOISE, _NOISE = 2e-4, 1.5e-3
-#: Slower than this [rad/s], nothing oscillates.
+#: Slower than this [rad/s], nothing oscillates. Source: guessed.
 STILL = 0.02
-#: Points count e times less after so long [s]: objects stop and turn.
-_FADES = 0.6
-#: What is known of the drift [m/s], and of omega after the first guess, as a share of it.
-_DRIFT, _OMEGA = 0.02, 0.1
-#: Gauss-Newton steps, and the change of omega they may lead to at most, as a factor.
-_STEPS, _FARTHEST = 3, 1.3
 
 
 class Oscillation(NamedTuple):
@@ -107,6 +101,12 @@ def shape_kernel(omega, t):
 @compiled
 def oscillation_kernel(path, count):
     """The `Oscillation` of the ``count`` points of one axis, newest first."""
+    # What is known of the drift [m/s], and of omega after the first guess, as a share of it.
+    drift_sigma, omega_share = 0.02, 0.1
+    # Gauss-Newton steps, and the change of omega they may lead to at most, as a factor.
+    steps, farthest = 3, 1.3
+    # Points count e times less after so long [s]: objects stop and turn.
+    fades = 0.6
     if count < 3 * _LAG:
         return Oscillation(STILL, 0.0, 0.0, 0.0, 0.0, np.inf, 0.0)
     guess, mean = _guess(path, count)
@@ -114,44 +114,35 @@ def oscillation_kernel(path, count):
     omega = first = guess if swings else STILL
     x, columns = np.zeros(5), np.empty(5)
     M, y = np.empty((5, 5)), np.empty(5)
-    for step in range(_STEPS + 1 if swings else 1):
+    for step in range(steps + 1 if swings else 1):
         M[:], y[:] = 0.0, 0.0
-        M[3, 3] = (_NOISE / _DRIFT) ** 2
-        M[4, 4] = (_NOISE / (_OMEGA * first)) ** 2
+        M[3, 3] = (_NOISE / drift_sigma) ** 2
+        M[4, 4] = (_NOISE / (omega_share * first)) ** 2
         y[4] = M[4, 4] * (first - omega)
         for k in range(count):
             t = -k * PATH_STEP
-            weight = np.exp(t / _FADES)
+            weight = np.exp(t / fades)
             S, C, cosine = shape_kernel(omega, t)
             columns[0], columns[1], columns[2], columns[3] = 1.0, S, C, t - S
             # d/d omega, at what was found before; at first that is nothing. At last omega stays.
             columns[4] = ((x[1] - x[3]) * (t * cosine - S) + x[2] * (t * S - 2.0 * C)) / omega
-            columns[4] *= step < _STEPS
+            columns[4] *= step < steps
             for i in range(5):
                 y[i] += weight * columns[i] * (path[k] - path[0])
                 for j in range(5):
                     M[i, j] += weight * columns[i] * columns[j]
         x[:] = np.linalg.solve(M, y)
-        if step < _STEPS and swings:
-            omega = min(max(omega + x[4], first / _FARTHEST), first * _FARTHEST)
+        if step < steps and swings:
+            omega = min(max(omega + x[4], first / farthest), first * farthest)
     beside, weights = 0.0, 0.0
     for k in range(count):
         t = -k * PATH_STEP
-        weight = np.exp(t / _FADES)
+        weight = np.exp(t / fades)
         S, C, _ = shape_kernel(omega, t)
         off = path[k] - path[0] - x[0] - x[1] * S - x[2] * C - x[3] * (t - S)
         beside += weight * off * off
         weights += weight
     return Oscillation(omega, x[0], x[1], x[2], x[3], beside / weights, 0.0 if swings else mean)
-
-
-#: Points over which the angular velocity is averaged.
-_TURN = 10
-#: A mean acceleration dies out over this time [s].
-_DYING = 1.5
-#: An object is on the oscillation of its path as far as it, and the path, are within this [m], and
-#: as much further as it moves in this time [s].
-_ON_PATH, _IN_TIME = 2e-3, 2.5e-3
 
 
 @compiled
@@ -168,10 +159,13 @@ def _now(known, age, p, v):
         p: Where the object is now, relative to that point [m].
         v: What the filter has [m/s].
     """
+    # An object is on the oscillation of its path as far as it, and the path, are within this [m],
+    # and as much further as it moves in this time [s].
+    on_path, in_time = 2e-3, 2.5e-3
     S, C, cosine = shape_kernel(known.omega, age)
     beside = known.p + known.v * S + known.a * C + known.drift * (age - S) - p
     beside = max(known.beside, 0.5 * beside**2)
-    share = 1.0 / (1.0 + (beside / (_ON_PATH + _IN_TIME * abs(v)) ** 2) ** 2)
+    share = 1.0 / (1.0 + (beside / (on_path + in_time * abs(v)) ** 2) ** 2)
     v += share * (known.v * cosine + known.a * S + known.drift * (1.0 - cosine) - v)
     middle = known.p + known.a / known.omega**2 + known.drift * age
     return v, known.omega**2 * (middle - p)
@@ -194,15 +188,19 @@ def predict_kernel(state, now, v_WO, ahead, X):
 
     ``v_WO`` (3,) is how fast the object is where it is not on an oscillation [m/s].
     """
+    # A mean acceleration dies out over this time [s].
+    dying = 1.5
+    # Points over which the angular velocity is averaged.
+    turn = 10
     s = parts(state)
     start, V = np.empty((4, 4)), np.empty(6)
     pose_kernel(state, now, start)
     twist_kernel(state, now, V)
     w = V[:3].copy()
     count = int(s.stored[0])
-    if count > _TURN:
-        R_new, R_old = s.path[0, 1:].copy(), s.path[_TURN, 1:].copy()
-        w[:] = so3_log_kernel(R_new @ R_old.T.copy()) / (_TURN * PATH_STEP)
+    if count > turn:
+        R_new, R_old = s.path[0, 1:].copy(), s.path[turn, 1:].copy()
+        w[:] = so3_log_kernel(R_new @ R_old.T.copy()) / (turn * PATH_STEP)
     for k in range(len(ahead)):
         X[k] = start
         X[k, :3, :3] = so3_exp_kernel(w * ahead[k]) @ np.ascontiguousarray(start[:3, :3])
@@ -217,7 +215,7 @@ def predict_kernel(state, now, v_WO, ahead, X):
                 X[k, i, 3] += v * S + a * C + known.drift * (t - S)
             else:
                 # The acceleration exp(-t / T), integrated twice.
-                bent = _DYING * (t - _DYING * (1.0 - np.exp(-t / _DYING)))
+                bent = dying * (t - dying * (1.0 - np.exp(-t / dying)))
                 X[k, i, 3] += v * t + known.mean * bent
 
 
@@ -273,10 +271,6 @@ class MotionEstimate(Frozen):
         return X
 
 
-#: A pose this far from what a filter expects is not the one that it follows [m].
-_ELSEWHERE = 0.05
-
-
 def future_poses(motion: Motion | None, X_WO: Array, V_WO: Array, ahead: ArrayLike) -> Array:
     """Poses (k, 4, 4) of the object ``ahead`` (k,) seconds from now.
 
@@ -292,7 +286,8 @@ def future_poses(motion: Motion | None, X_WO: Array, V_WO: Array, ahead: ArrayLi
     if motion is not None and motion.known:
         now, *later = motion.predict(np.concatenate([[0.0], times]), V_WO[3:])
         turn, step = now[:3, :3].T @ X_WO[:3, :3], X_WO[:3, 3] - now[:3, 3]
-        if np.linalg.norm(step) < _ELSEWHERE:
+        # A pose this far from what a filter expects is not the one that it follows [m].
+        if np.linalg.norm(step) < 0.05:
             X = np.array(later).reshape(-1, 4, 4)
             X[:, :3, :3] = X[:, :3, :3] @ turn
             X[:, :3, 3] += step

@@ -27,8 +27,10 @@ from feasigrasp.models.quantities import POINT, ArrayOf, Positive
 from feasigrasp.outputs import write_text
 from feasigrasp.resources import model_path
 
-#: Used when neither a mass nor a density is known: a hollow household object [kg/m^3].
+#: Used when neither a mass nor a density is known: a hollow household object [kg/m^3]. Source:
+#: guessed.
 DEFAULT_DENSITY = 300.0
+#: Colour of an object without one. Source: layout.
 _DEFAULT_COLOR = (0.65, 0.65, 0.68, 1.0)
 _SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf")
 

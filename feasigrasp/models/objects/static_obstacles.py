@@ -19,7 +19,7 @@ from feasigrasp.errors import MeshError
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.objects.mesh import obj_text, read_surface
 
-#: Coordinates of half spaces are the same if they differ by less.
+#: Coordinates of half spaces are the same if they differ by less. Source: numerical.
 _SAME = 1e-6
 _URDF = """<?xml version="1.0"?>
 <robot name="{name}" xmlns:drake="http://drake.mit.edu">

@@ -8,6 +8,7 @@ from enum import StrEnum
 from feasigrasp.models.arrays import Array, Frozen
 
 #: A pose that rests on a measurement this much older than usual is extrapolated, no more [s].
+#: Source: guessed.
 COASTING_AFTER = 0.1
 
 

@@ -32,9 +32,11 @@ from feasigrasp.models.robot.capsule_kernels import closest_parameters, end_poin
 from feasigrasp.models.robot.capsules import CapsuleModel
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: What `verdict_kernel` returns: places in `feasigrasp.models.reach.reachability.VERDICTS`.
+#: What `verdict_kernel` returns: places in `feasigrasp.models.reach.reachability.VERDICTS`. Source:
+#: layout.
 REACHABLE, WRIST, LIMITS, SELF_COLLISION, TABLE = 0, 1, 2, 3, 4
 
+#: Distance from joint 7 to the flange [m]. Source: data sheet: KUKA LBR iiwa 7 R800.
 _LINK_7_TO_FLANGE = IIWA_7.link_steps[-1]
 
 

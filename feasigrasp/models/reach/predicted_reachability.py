@@ -27,10 +27,11 @@ from feasigrasp.models.quantities import (
 from feasigrasp.models.reach.kernels import REACHABLE
 from feasigrasp.models.reach.reachability import VERDICTS, Verdict
 
-_CHUNK = 32  # hand poses judged at first, best scores first; twice as many each time after
-#: A hand that reaches a pre-grasp pose at this distance also reaches the grasp [m].
+#: A hand that reaches a pre-grasp pose at this distance also reaches the grasp [m]. Source:
+#: guessed.
 WAY_IN = 0.05
-_INSTANTS = 4  # at which a grasp is judged over the horizon, the end included
+#: Instants of the horizon at which a grasp is judged, its end included. Source: guessed.
+_INSTANTS = 4
 
 
 @runtime_checkable
@@ -116,7 +117,8 @@ def judge_grasps(
     X_later = future_poses(motion, X_WO, V_WO, times)
     verdicts = np.full(len(both), Verdict.BETTER, dtype=object)
     kept: list[int] = []
-    start, size = 0, _CHUNK
+    # hand poses judged at first, best scores first; twice as many each time after
+    start, size = 0, 32
     while start < len(order) and len(kept) < rule.n_best:
         chunk = order[start : start + size]
         start, size = start + size, 2 * size

@@ -18,11 +18,11 @@ from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import cross, dot, minus, step, turn
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: The base counts as one.
+#: The base counts as one. Source: layout.
 LINKS = IIWA_7.joints + 1
 _H0, _H1 = IIWA_7.joint_heights[:2]
 _L2, _L3, _L4, _L5, _L6 = IIWA_7.link_steps[2:7]
-# Sign of a joint about y; 0 for a joint about z.
+#: Sign of a joint about y; 0 for a joint about z. Source: formula.
 _Y_SIGN = np.ascontiguousarray(IIWA_7.joint_axes[:, 1])
 
 
@@ -134,7 +134,8 @@ def add_lever(point, normal, low, high, R, p, gradient):
         gradient[j] = dot(normal, cross(axis, lever))
 
 
-# Rows: 7 angles that become sines, 7 cosines, 3 x 8 coordinates of the balls' centres.
+#: Rows: 7 angles that become sines, 7 cosines, 3 x 8 coordinates of the balls' centres. Source:
+#: layout.
 COSINES, CENTRES = IIWA_7.joints, 2 * IIWA_7.joints
 ROWS = CENTRES + 3 * LINKS
 

@@ -24,6 +24,7 @@ HAND_NAMES = ("palm", "left_finger", "right_finger", "camera")
 #: Rigid bodies that carry capsules; ``BODY_LINK`` names the link that each of them moves with.
 BODY_NAMES = (*IIWA_7.link_names, *HAND_NAMES)
 BODY_LINK = np.minimum(np.arange(len(BODY_NAMES)), IIWA_7.joints)
+#: Numbers of the bodies after the links of the arm. Source: layout.
 PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA = 8, 9, 10, 11
 
 #: Pairs of bodies that can come close inside the joint limits. Left out are neighbours, links 5 and
@@ -233,11 +234,6 @@ def _groups(link: Indices, pairs: Indices) -> Indices:
     return np.array(runs, dtype=np.int64).reshape(-1, 4)
 
 
-#: Balls along a segment are at most this share of their radius apart: what sticks out of the union
-#: of balls, at most ``r - sqrt(r^2 - (r/2)^2/4)``, is 3 % of the radius.
-_SPACING = 0.5
-
-
 class ArmBalls(NamedTuple):
     """Balls that cover the capsules whose links can move, base and link 1 apart.
 
@@ -264,7 +260,9 @@ def arm_balls(model: CapsuleModel) -> ArmBalls:
     links, centers, radii = [], [], []
     for c in model.movers:
         first, last = model.ends[c]
-        gaps = np.linalg.norm(last - first) / (_SPACING * model.radius[c])
+        # Balls along a segment are at most this share of their radius apart: what sticks out of the
+        # union of balls, at most ``r - sqrt(r^2 - (r/2)^2/4)``, is 3 % of the radius.
+        gaps = np.linalg.norm(last - first) / (0.5 * model.radius[c])
         share = np.linspace(0.0, 1.0, int(np.ceil(gaps - 1e-9)) + 1)[:, None]
         centers.append(first + share * (last - first))
         links.append(np.full(len(share), model.link[c]))

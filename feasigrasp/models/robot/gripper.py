@@ -186,6 +186,7 @@ def _grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
 #: Lengths as in Drake's description of it, made after the maker's drawing: body 146 x 72.5 x 50 mm,
 #: fingers 12 x 82 x 20 mm that start at its front face, pads on the last 20 mm of each. The flange
 #: is the back of the body. The camera sits beside the body as far out as on the default hand.
+#: Source: data sheet: Schunk WSG 50.
 WSG_50 = ParallelGripper(
     max_opening=0.110,
     finger_thickness=0.012,

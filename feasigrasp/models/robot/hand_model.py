@@ -12,16 +12,13 @@ from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.gripper import ParallelGripper
 
-#: Static and dynamic friction of pads, fingers and palm.
-FRICTION = 0.8
+#: Thickness of a finger's pad [m]. Source: guessed.
 PAD_THICKNESS = 0.006
 
-# 0.34 kg is the mass of the SAKE EZGripper Dual, 0.05 kg that of its mount.
+#: 0.34 kg is the mass of the SAKE EZGripper Dual, 0.05 kg that of its mount. Source: data sheet:
+#: SAKE EZGripper Dual; the finger's share is guessed.
 FINGER_MASS = 0.035
 BODY_MASS = 0.34 + 0.05 - 2 * FINGER_MASS
-FINGER_VELOCITY = 0.2
-# Side of the column that stands for the mount of another hand [m].
-COLUMN = 0.04
 
 SIDES = (("left", 1.0), ("right", -1.0))
 
@@ -134,7 +131,8 @@ def _numbers(values: ArrayLike) -> str:
 
 
 def _collision(name: str, center: ArrayLike, geometry: str) -> str:
-    values = {"center": _numbers(center), "friction": FRICTION}
+    # Static and dynamic friction of pads, fingers and palm. Source: guessed.
+    values = {"center": _numbers(center), "friction": 0.8}
     return _COLLISION.format(name=name, geometry=geometry, **values)
 
 
@@ -191,12 +189,13 @@ def gripper_urdf(gripper: ParallelGripper, mesh: Mesh | None = None) -> str:
     grasp, joints = _numbers(gripper.X_FG[:3, 3]), ""
     for side, sign in SIDES:
         left = side == "left"  # one motor drives both
+        # Largest velocity of a finger [m/s]. Source: guessed.
         joints += _JOINT.format(
             side=side,
             sign=_number(sign),
             grasp=grasp,
             upper=_number(gripper.max_opening / 2),
-            velocity=FINGER_VELOCITY,
+            velocity=0.2,
             effort=_number(2.0 * gripper.grip_force if left else 0.0),
             mimic="" if left else _MIMIC,
         )
@@ -220,6 +219,8 @@ def hand_files(gripper: ParallelGripper) -> dict[str, str]:
 
     Its visual geometry is its boxes, and the column between the flange and its palm.
     """
+    # Side of the column that stands for the mount of another hand [m].
+    column = 0.04
 
     def mesh(name: str) -> str:
         return f"{name}.vtk" if name == "pad" else f"{name}.obj"
@@ -228,7 +229,7 @@ def hand_files(gripper: ParallelGripper) -> dict[str, str]:
     back = gripper.tool_offset + gripper.heel - palm_z
     body = [_box([palm_y, palm_x, palm_z], [0.0, 0.0, back + palm_z / 2])]
     if back > 0.0:
-        body.append(_box([COLUMN, COLUMN, back], [0.0, 0.0, back / 2]))
+        body.append(_box([column, column, back], [0.0, 0.0, back / 2]))
     files = {"gripper.urdf": gripper_urdf(gripper, mesh), mesh("pad"): pad_vtk(gripper)}
     files[mesh("gripper_body")] = _obj(body)
     length = gripper.tip - gripper.heel

@@ -120,6 +120,7 @@ def _constant(values: ArrayLike) -> Array:
     return array
 
 
+#: Limits of joint positions [deg] and velocities [rad/s]. Source: data sheet: KUKA LBR iiwa 7 R800.
 _POSITION_DEG = np.array([170, 120, 170, 120, 170, 120, 175])
 _VELOCITY = _constant(np.deg2rad([98, 98, 100, 130, 140, 180, 180]))
 

@@ -42,8 +42,6 @@ def arm_condition_kernel(q, v):
 
 
 _BASE_SHOULDER, _SHOULDER_ELBOW, _ELBOW_WRIST, _WRIST_FLANGE = IIWA_7.lengths
-# Writable, since a kernel is compiled once more for read-only arguments.
-_IDENTITY = np.eye(4)
 
 
 @compiled(forceinline=True)
@@ -183,7 +181,8 @@ def _manipulability_batch_kernel(q, out):
 
 
 def _tool(X_FT: ArrayLike | None) -> Array:
-    return _IDENTITY if X_FT is None else np.ascontiguousarray(X_FT, dtype=float)
+    # Writable, since a kernel is compiled once more for read-only arguments.
+    return np.eye(4) if X_FT is None else np.ascontiguousarray(X_FT, dtype=float)
 
 
 @checked()

@@ -20,16 +20,15 @@ from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.clouds.edges import EDGE_JUMP
 from feasigrasp.models.compiled import compiled
 
-#: Fewer pixels are no surface.
+#: Fewer pixels are no surface. Source: guessed.
 MIN_PIXELS = 30
 #: Components nearer to each other than this are of one body [m]: the two sides of a bowl, between
-#: which pixels were lost or fly, are.
+#: which pixels were lost or fly, are. Source: guessed.
 JOINED = 0.045
 #: Nothing longer is an object to be grasped [m]: the longest built-in and YCB objects have 0.3 m.
+#: Source: reasoned.
 LARGEST = 0.4
-#: Points of neighbouring pixels on one surface differ by so many standard deviations at most.
-_JUMP_SIGMAS = 4.0
-#: Points of each component that are looked at, at most.
+#: Points of each component that are looked at, at most. Source: guessed.
 _SAMPLE = 400
 
 
@@ -82,12 +81,13 @@ def find_components(points: Floats, chosen: Mask, p_WC: Array, camera: Camera) -
         camera: The camera.
     """
     number = np.empty(len(points), dtype=np.int32)
+    # Points of neighbouring pixels on one surface differ by so many standard deviations at most.
     count = _link(
         np.ascontiguousarray(points, dtype=np.float32),
         chosen,
         camera.width,
         np.ascontiguousarray(p_WC, dtype=float),
-        _JUMP_SIGMAS * camera.depth_noise,
+        4.0 * camera.depth_noise,
         number,
     )
     pixels = np.bincount(number + 1, minlength=count + 1)[1:]

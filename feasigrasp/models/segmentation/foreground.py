@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from itertools import product
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -37,23 +38,6 @@ from feasigrasp.models.segmentation.modeled_bodies import (
     UNOBSERVED,
 )
 
-#: A point agrees with the field that is no farther from its zero [m]: the error of the predicted
-#: pose and of the side of the object that was not seen yet.
-AGREES = 0.02
-#: A component of which this share agrees is of the object; of others only single pixels are, which
-#: are nearer to the surface than this [m].
-_AGREEING_SHARE, _SINGLE = 0.5, 0.006
-#: Pixels of components that do not agree are looked at no farther from its surface [m].
-_GROWTH = 0.03
-#: One point of a component's sample in this number is compared with the field.
-_EVERY = 3
-#: A point that lies this much before what an earlier view saw there has come there since [m].
-_MOVED = 0.008
-#: It has, if the view looked through beside it as well [pixels].
-_BESIDE = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1)]
-#: A body moves of which more than this share has come where nothing was.
-LEAST_MOVED = 0.04
-
 
 class DistanceField(Protocol):
     """Interface of the object's distance field; a `Gpdf` is one."""
@@ -68,7 +52,8 @@ class DistanceField(Protocol):
 
 def distance_to(field: DistanceField, points_O: Array) -> Array:
     """First-order distance ``|d| / |grad d|`` of points (m, 3) from the field's zero, (m,) [m]."""
-    near = _beside(field.bounds, points_O) <= _GROWTH
+    # Pixels of components that do not agree are looked at no farther from its surface [m].
+    near = _beside(field.bounds, points_O) <= 0.03
     distance = np.full(len(points_O), np.inf)
     d, gradient = field.distance_and_gradient(np.ascontiguousarray(points_O[near]))
     distance[near] = np.abs(d) / np.maximum(np.linalg.norm(gradient, axis=1), 0.2)
@@ -92,17 +77,23 @@ def agreeing(
     Returns:
         Numbers of the components, and of the pixels of other components.
     """
+    # A component of which this share agrees is of the object; of others only single pixels are,
+    # which are nearer to the surface than this [m].
+    agreeing_share, nearest = 0.5, 0.006
     X_OW = inverse_kernel(np.ascontiguousarray(X_WO))
     kept: list[int] = []
     single = [np.zeros(0, dtype=np.int64)]
     for k, sample in enumerate(components.samples):
-        near = distance_to(field, _to(X_OW, sample[::_EVERY])) < AGREES
-        if near.mean() >= _AGREEING_SHARE:
+        # A point agrees with the field that is no farther from its zero [m]: the error of the
+        # predicted pose and of the side of the object that was not seen yet.
+        # Of a component's sample one point in so many is compared with the field.
+        near = distance_to(field, _to(X_OW, sample[::3])) < 0.02
+        if near.mean() >= agreeing_share:
             kept.append(k)
         else:
             pixels = np.flatnonzero(components.number == k)
             distance = distance_to(field, _to(X_OW, points[pixels].astype(float)))
-            single.append(pixels[distance < _SINGLE])
+            single.append(pixels[distance < nearest])
     return kept, np.concatenate(single)
 
 
@@ -126,13 +117,16 @@ def moved_share(points: Array, before: CameraView, camera: Camera, sigmas: float
         return 0.0
     u, v, z = u[inside], v[inside], z[inside]
     z_before = np.full(len(z), np.inf)
-    for down, right in _BESIDE:  # the rim of a body at rest is a pixel farther out now and then
+    # It has, if the view looked through beside it as well: the rim of a body at rest is a pixel
+    # farther out now and then.
+    for down, right in product((-1, 0, 1), repeat=2):
         row = np.clip(v + down, 0, camera.height - 1)
         pixel = row * camera.width + np.clip(u + right, 0, camera.width - 1)
         with np.errstate(invalid="ignore"):  # infinite where nothing was measured
             depth = _to(X_CW, before.points[pixel].astype(float))[:, 2]
         z_before = np.fmin(z_before, np.where(np.isfinite(depth), depth, np.inf))
-    off = _MOVED + sigmas * camera.depth_noise * z**2
+    # A point that lies this much before what an earlier view saw there has come there since [m].
+    off = 0.008 + sigmas * camera.depth_noise * z**2
     shown = z_before > z - off  # what was hidden may have been there
     came = np.count_nonzero(z_before > z + off)
     return float(came) / max(int(np.count_nonzero(shown)), 1)
@@ -171,17 +165,6 @@ def _beside(bounds: Array, points: Array) -> Array:
 
 def _to(X: Array, points: Array) -> Array:
     return np.asarray(points @ X[:3, :3].T + X[:3, 3])
-
-
-#: Farther from the hand than this is nothing to be grasped now [m].
-WITHIN = 1.0
-#: Which of several bodies moves is waited for so long [s].
-PATIENCE = 1.0
-#: A body moves as well that has moved this share of what the one did that has moved most.
-_AS_MUCH = 0.25
-#: A body that shows less than this share of the largest one's pixels is a piece of one.
-_LEAST_SIZE = 0.2
-_AROUND = np.ones((3, 3), dtype=bool)
 
 
 class Label(IntEnum):
@@ -236,7 +219,8 @@ def segment(
     """
     free = kinds == FREE
     where = np.flatnonzero(free)
-    far = np.square(view.points[where] - p_WH).sum(axis=1) > WITHIN**2
+    # Farther from the hand than this is nothing to be grasped now [m].
+    far = np.square(view.points[where] - p_WH).sum(axis=1) > 1.0**2
     free[where[far]] = False
     components = find_components(view.points, free, view.X_WC[:3, 3], camera)
 
@@ -276,7 +260,9 @@ def _chosen(components: Components, known: Known, p_WH: Array, camera: Camera) -
     """The components of the body that is taken for the object."""
     groups = components.groups()
     pixels = [components.pixels[group].sum() for group in groups]
-    groups = [g for g, n in zip(groups, pixels, strict=True) if n >= _LEAST_SIZE * max(pixels)]
+    # A body that shows less than this share of the largest one's pixels is a piece of one. Source:
+    # guessed.
+    groups = [g for g, n in zip(groups, pixels, strict=True) if n >= 0.2 * max(pixels)]
     if not groups:
         return np.zeros(0, dtype=np.int64)
     if known.box is not None:
@@ -286,7 +272,8 @@ def _chosen(components: Components, known: Known, p_WH: Array, camera: Camera) -
     was_seen = pose is not None and bool(np.isfinite(pose).all())
     if len(groups) > 1:
         moving = _moving(groups, components, known.before, camera)
-        if not moving and not was_seen and known.waited < PATIENCE:
+        # Which of several bodies moves is waited for so long [s].
+        if not moving and not was_seen and known.waited < 1.0:
             return np.zeros(0, dtype=np.int64)
         groups = moving or groups
     near = pose[:3, 3] if pose is not None and was_seen else p_WH
@@ -303,9 +290,11 @@ def _moving(
         moved_share(np.concatenate([components.samples[k] for k in group]), before, camera, SIGMAS)
         for group in groups
     ]
-    if max(shares) <= LEAST_MOVED:
+    # A body moves of which more than this share has come where nothing was.
+    if max(shares) <= 0.04:
         return []
-    least = _AS_MUCH * max(shares)
+    # A body moves as well that has moved this share of what the one did that has moved most.
+    least = 0.25 * max(shares)
     return [group for group, share in zip(groups, shares, strict=True) if share >= least]
 
 
@@ -316,5 +305,6 @@ def _closed(mask: Mask, unobserved: Mask) -> Mask:
         return mask
     around = tuple(slice(max(s.start - 2, 0), s.stop + 2) for s in box[0])
     closed = mask.copy()
-    closed[around] |= binary_closing(mask[around], _AROUND) & unobserved[around]
+    # A pixel and its eight neighbours. Source: layout.
+    closed[around] |= binary_closing(mask[around], np.ones((3, 3), dtype=bool)) & unobserved[around]
     return closed

@@ -20,11 +20,6 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
-#: A pixel is of a hue that is no farther from it than this [deg].
-_TOLERANCE_DEG = 20.0
-#: A pixel that is paler than this has no hue that could be relied on, nor one darker than that.
-_LEAST_SATURATION, _LEAST_VALUE = 0.35, 0.06
-
 
 def in_color_gate(color: NDArray[np.uint8], hue_deg: float) -> Mask:
     """Mask of pixels with a hue, independent of brightness.
@@ -37,28 +32,25 @@ def in_color_gate(color: NDArray[np.uint8], hue_deg: float) -> Mask:
     Returns:
         Row by row, shape (height * width,).
     """
+    # A pixel that is paler than this has no hue that could be relied on, nor one darker than that.
+    least_saturation, least_value = 0.35, 0.06
     rgb = color.reshape(-1, color.shape[-1])[:, :3].astype(np.float32) / 255.0
     red, green, blue = rgb.T
     value, least = rgb.max(axis=1), rgb.min(axis=1)
     # The angle of the colour about the grey axis; that of HSV differs by a degree at most.
     angle = np.arctan2(np.sqrt(3.0) * (green - blue), 2.0 * red - green - blue)
     off = np.abs((np.rad2deg(angle) - hue_deg + 180.0) % 360.0 - 180.0)
-    vivid = value - least > _LEAST_SATURATION * np.maximum(value, _LEAST_VALUE)
-    return np.asarray((off < _TOLERANCE_DEG) & vivid & (value > _LEAST_VALUE))
+    vivid = value - least > least_saturation * np.maximum(value, least_value)
+    # A pixel is of a hue that is no farther from it than this [deg].
+    return np.asarray((off < 20.0) & vivid & (value > least_value))
 
 
-#: Kinds of pixels; `ModeledBodies` gives all but the last one.
+#: Kinds of pixels; `ModeledBodies` gives all but the last one. Source: layout.
 UNOBSERVED, FREE, ROBOT, CELL, CARRIER = 0, 1, 2, 3, 4
-#: Largest error of the modeled poses of bodies [m].
+#: Largest error of the modeled poses of bodies [m]. Source: guessed.
 MARGIN = 0.005
-#: Number of standard deviations of a depth that is noise.
+#: So many standard deviations of a depth are noise. Source: guessed.
 SIGMAS = 3.0
-#: The guide in which the fingers run is wider than they are, and so long [m].
-_GUIDE_RIM, _GUIDE_LENGTH = 0.003, 0.014
-#: Half the width of what joins palm and flange; of the bracket that carries the camera, half its
-#: width, how far it reaches behind the palm, and how far beyond the camera's middle [m].
-_MOUNT_HALF = 0.034
-_BRACKET_HALF, _BRACKET_DEPTH, _BRACKET_REACH = 0.018, 0.026, 0.015
 
 
 class Boxes(NamedTuple):
@@ -86,25 +78,31 @@ def hand_boxes(gripper: ParallelGripper, X_WG: Array, opening: float) -> Boxes:
         X_WG: Pose of its grasp frame, shape (4, 4).
         opening: Distance between its pads [m].
     """
+    # Half the width of what joins palm and flange; of the bracket that carries the camera, half its
+    # width, how far it reaches behind the palm, and how far beyond the camera's middle [m].
+    mount_half = 0.034
+    bracket_half, bracket_depth, bracket_reach = 0.018, 0.026, 0.015
+    # The guide in which the fingers run is wider than they are, and so long [m].
+    guide_rim, guide_length = 0.003, 0.014
     thick, wide = gripper.finger_thickness, gripper.finger_width
     x = max(opening, 0.0) / 2 + thick / 2
     tip, heel, palm = gripper.tip, gripper.heel, np.array(gripper.palm_size)
     back = heel - palm[2]
     reach = gripper.max_opening / 2 + thick
-    guide = np.array([reach + _GUIDE_RIM, wide / 2 + _GUIDE_RIM])
-    mount = np.array([_MOUNT_HALF, _MOUNT_HALF])
+    guide = np.array([reach + guide_rim, wide / 2 + guide_rim])
+    mount = np.array([mount_half, mount_half])
     camera, housing = np.array(gripper.camera_center), np.array(gripper.camera_box) / 2
     # Lower and upper corners in G.
     corners = np.array(
         [
             [[x - thick / 2, -wide / 2, heel], [x + thick / 2, wide / 2, tip]],
             [[-x - thick / 2, -wide / 2, heel], [-x + thick / 2, wide / 2, tip]],
-            [[*-guide, heel], [*guide, heel + _GUIDE_LENGTH]],
+            [[*-guide, heel], [*guide, heel + guide_length]],
             [[*-palm[:2] / 2, back], [*palm[:2] / 2, heel]],
             [[*-mount, -gripper.tool_offset], [*mount, back]],
             [
-                [-_BRACKET_HALF, 0.0, back - _BRACKET_DEPTH],
-                [_BRACKET_HALF, camera[1] + _BRACKET_REACH, back],
+                [-bracket_half, 0.0, back - bracket_depth],
+                [bracket_half, camera[1] + bracket_reach, back],
             ],
             [camera - housing, camera + housing],
         ]

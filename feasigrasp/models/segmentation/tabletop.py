@@ -16,17 +16,6 @@ from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
 
-#: Smaller clouds are of one object, flat or not [m].
-_TABLE_EXTENT = 0.25
-#: A table holds at least this share of the cloud, within so much of a plane [m].
-_TABLE_SHARE, _TABLE_THICKNESS = 0.4, 0.006
-#: What stands on it spreads less than this share of the table, and nearly all on one side.
-_ON_TABLE, _ONE_SIDE = 0.7, 0.9
-#: Draws of three points in the search for tables; resolution [m].
-_TABLE_DRAWS, _TABLE_RESOLUTION = 300, 0.005
-#: Points that planes are compared by; the share of a plane is then known to 1 % (one sigma).
-_COMPARED = 2500
-
 
 def check_no_table(points: Array, viewpoint: Array | None) -> None:
     """Refuses a cloud that is mostly one plane with something on it.
@@ -41,24 +30,32 @@ def check_no_table(points: Array, viewpoint: Array | None) -> None:
     Raises:
         PointCloudError: It shows a table.
     """
-    if float(np.ptp(points, axis=0).max()) < _TABLE_EXTENT:
+    # Tables are sought with so many draws of three points; resolution [m].
+    table_draws, table_resolution = 300, 0.005
+    # What stands on it spreads less than this share of the table, and nearly all on one side.
+    on_table, one_side = 0.7, 0.9
+    # A table holds at least this share of the cloud, within so much of a plane [m].
+    table_share, table_thickness = 0.4, 0.006
+    # Smaller clouds are of one object, flat or not [m].
+    table_extent = 0.25
+    if float(np.ptp(points, axis=0).max()) < table_extent:
         return
-    thin, _ = grouped_means(points, voxel_keys(points, _TABLE_RESOLUTION), np.ones(len(points)))
-    plane = largest_plane(thin, _TABLE_THICKNESS, _TABLE_DRAWS)
+    thin, _ = grouped_means(points, voxel_keys(points, table_resolution), np.ones(len(points)))
+    plane = largest_plane(thin, table_thickness, table_draws)
     height = thin @ plane[:3] + plane[3]
-    flat = np.abs(height) <= _TABLE_THICKNESS
+    flat = np.abs(height) <= table_thickness
     share, rest = float(flat.mean()), height[~flat]
-    if share < _TABLE_SHARE or len(rest) == 0:
+    if share < table_share or len(rest) == 0:
         return
     up = rest > 0.0
     if viewpoint is not None:
         standing = up == bool(viewpoint @ plane[:3] + plane[3] > 0.0)
     else:
         standing = up if up.mean() > 0.5 else ~up
-    if standing.mean() < _ONE_SIDE:
+    if standing.mean() < one_side:
         return
     across = [_width(thin[chosen], plane[:3]) for chosen in (~flat, flat)]
-    if across[1] < _TABLE_EXTENT or across[0] > _ON_TABLE * across[1]:
+    if across[1] < table_extent or across[0] > on_table * across[1]:
         return
     raise PointCloudError(
         f"{100.0 * share:.0f} % of the cloud is one plane, {across[1]:.2f} m wide, with something "
@@ -83,7 +80,8 @@ def largest_plane(points: Array, thickness: float, draws: int, seed: int = 0) ->
         Unit normal and offset: ``n . x + d`` is the signed distance of x [m], shape (4,).
     """
     rng = np.random.default_rng(seed)
-    some = rng.permutation(points)[:_COMPARED]
+    # Points that planes are compared by; the share of a plane is then known to 1 % (one sigma).
+    some = rng.permutation(points)[:2500]
     a, b, c = points[rng.integers(len(points), size=(3, draws))]
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1)
@@ -104,13 +102,13 @@ def _width(points: Array, normal: Array) -> float:
     return float(np.max(high - low))
 
 
-#: Points within so much of the plane are the table's [m]; what stands on it starts higher.
+#: Points within so much of the plane are the table's [m]; what stands on it starts higher. Source:
+#: guessed.
 _THICKNESS, _STANDS = 0.005, 0.006
-#: Resolution at which bodies are separated, and how near their parts are to each other [m].
+#: Resolution at which bodies are separated, and how near their parts are to each other [m]. Source:
+#: guessed.
 _RESOLUTION, _JOINED = 0.004, 0.02
-#: Draws of three points in the search for the plane.
-_DRAWS = 1000
-#: Fewer points than this of the resolution are no object.
+#: Fewer points than this of the resolution are no object. Source: guessed.
 _LEAST = 20
 
 
@@ -172,7 +170,8 @@ def table_plane(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> Ar
 
 def _plane(thin: Array, viewpoint: ArrayLike) -> tuple[Array, float]:
     """Unit normal and offset of the plane with most points, the camera on its positive side."""
-    plane = largest_plane(thin, _THICKNESS, _DRAWS)
+    # The plane is sought with so many draws of three points.
+    plane = largest_plane(thin, _THICKNESS, 1000)
     normal, offset = plane[:3], float(plane[3])
     sign = 1.0 if normal @ np.asarray(viewpoint, dtype=float) + offset > 0.0 else -1.0
     return sign * normal, sign * offset

@@ -55,14 +55,15 @@ MATERIALS = {
     "transparent": Material(0.6, 0.012),
 }
 #: Standard deviation of the window on the pixels: that of the matcher, at a third of the full
-#: resolution [px].
+#: resolution [px]. Source: guessed.
 _PATTERN = 3.0
 #: Nodes along an axis after which the field on surfaces repeats, a power of two; cells per
-#: correlation length.
+#: correlation length. Source: numerical.
 _NODES, _CELLS = 64, 1.5
 #: Where the field is read for holes, so that they have nothing to do with the errors [cells].
+#: Source: numerical.
 _APART = 17.3
-#: Makes the seed of a camera another than those of its images.
+#: Makes the seed of a camera another than those of its images. Source: layout.
 _CAMERA = 2**41
 
 

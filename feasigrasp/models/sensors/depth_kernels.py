@@ -9,7 +9,7 @@ import numpy as np
 from feasigrasp.models.compiled import compiled
 
 #: Errors grow no further where a surface is seen at a smaller cosine than this: it is hardly
-#: measured.
+#: measured. Source: guessed.
 LEAST_COSINE = 0.1
 
 

@@ -43,7 +43,7 @@ class JointErrors:
         return type(self)(**{name: factor * value for name, value in vars(self).items()})
 
 
-#: Makes the seeds of joints others than those of cameras.
+#: Makes the seeds of joints others than those of cameras. Source: layout.
 _JOINTS = 2**42
 
 

@@ -43,10 +43,9 @@ from feasigrasp.plugins import load_plugin, plugins
 #: Nodes closer to an observed point than this know nothing that it does not [m], nor do those
 #: closer than this multiple of their expected error. Where several pictures look round the object,
 #: they more often see such places themselves than that these are the far side of something thin.
+#: Source: guessed.
 CLEARANCE, DOUBT = 3e-3, 1.0
 CLEARANCE_OF_SEVERAL, DOUBT_OF_SEVERAL = 10e-3, 1.5
-#: Nodes deeper in the free space of a picture than this are impossible [m].
-_FREE = 2e-3
 
 
 class HiddenNodes(NamedTuple):
@@ -79,7 +78,8 @@ def hidden_nodes(
     several = len(images) > 1
     clearance = CLEARANCE_OF_SEVERAL if several else CLEARANCE
     doubt = DOUBT_OF_SEVERAL if several else DOUBT
-    kept = free_distance(images, points) < _FREE
+    # Nodes deeper in the free space of a picture than this are impossible [m].
+    kept = free_distance(images, points) < 2e-3
     for image, back in zip(images, backs, strict=True):
         kept &= ~_inside(image, back, points)
     points, deviation = points[kept], deviation[kept]
@@ -108,30 +108,11 @@ def _inside(image: ViewImage, back: BackSurface, points: Array) -> Mask:
     return inside
 
 
-#: Values at this distance beside some of the points separate inside from outside [m].
+#: Values at this distance beside some of the points separate inside from outside [m]. Source:
+#: guessed.
 SURFACE_OFFSET = 2e-3
-#: Share of the points that get such values.
-BESIDE_SHARE = 0.15
-#: s2 of smoothed points.
-SMOOTHED_NOISE = 1e-3
-#: Nodes in free space, all views together.
-FREE_NODES = 80
-#: Points of the field that the hidden side is guessed from, which needs no detail.
+#: Points of the field that the hidden side is guessed from, which needs no detail. Source: guessed.
 ROUGH_POINTS = 320
-#: Nodes on the hidden side, all views together.
-HIDDEN_NODES = 120
-#: Errors of neighbouring nodes there correlate: this number counts as one observation.
-HIDDEN_NOISE = 1.5
-#: Below this cosine between normal and line of sight a normal is a guess.
-_GRAZING = 0.15
-#: Completed surface deeper in free space than this is dropped [m] ...
-_CARVED = 3e-3
-#: ... unless an observed point is this near: then the view's edge is wrong, not the surface [m].
-_OBSERVED = 4e-3
-#: Distance behind observed surface counts so much more for the variance.
-_FARTHER_BEHIND = 2.0
-#: Nodes in free space keep this distance from observed points [m].
-_CLEARANCE = 5e-3
 
 
 #: The field of this package.
@@ -184,9 +165,12 @@ class CompletedField(Gpdf):
     @checked(PointCloudError)
     def possible(self, x: Annotated[Array, POINTS]) -> Mask:
         """Mask of points (m, 3) outside observed free space, shape (m,)."""
-        free = free_distance(self.images, x) > _CARVED
-        near = self._tree.query(x[free], distance_upper_bound=_OBSERVED)[0]  # inf if none is
-        free[free] = near > _OBSERVED
+        # Completed surface deeper in free space than this is dropped [m], unless an observed point
+        # is this near [m]: then the view's edge is wrong, not the surface.
+        observed = 4e-3
+        free = free_distance(self.images, x) > 3e-3
+        near = self._tree.query(x[free], distance_upper_bound=observed)[0]  # inf if none is
+        free[free] = near > observed
         return ~free
 
     def _withdrawn(self, x: Array) -> Array:
@@ -194,7 +178,8 @@ class CompletedField(Gpdf):
         nearest = self._tree.query(x)[1]
         normals = self.cloud_normals[nearest]
         behind = np.einsum("ij,ij->i", normals, self.cloud[nearest] - x)
-        return x - _FARTHER_BEHIND * np.maximum(behind, 0.0)[:, None] * normals
+        # Distance behind observed surface counts so much more for the variance.
+        return x - 2.0 * np.maximum(behind, 0.0)[:, None] * normals
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -240,18 +225,21 @@ def complete_shape(
             "the cloud is not smoothed; merge its views into FusedCloud.empty(..., smooth=True)"
         )
     points = checked_cloud(cloud.points)
-    noise_variance = SMOOTHED_NOISE if noise_variance is None else noise_variance
+    # s2 of smoothed points.
+    noise_variance = 1e-3 if noise_variance is None else noise_variance
     check_fit(length_scale, noise_variance, SURFACE_OFFSET, max_points)
     chosen = farthest_points(points, min(max_points, len(points)))
     surface, normals = points[chosen], cloud.normals[chosen]
-    steep = np.einsum("ij,ij->i", normals, cloud.directions[chosen]) <= _GRAZING
+    # Below this cosine between normal and line of sight a normal is a guess.
+    steep = np.einsum("ij,ij->i", normals, cloud.directions[chosen]) <= 0.15
     bounds = np.stack([points.min(axis=0), points.max(axis=0)])
     free, free_by = _free_nodes(cloud.images, points)
 
     def fitted_to(count: int, hidden: HiddenNodes) -> tuple[Gpdf, int]:
         """The field of the first surface points, and the number of its nodes that rest on them."""
         seen, signed = _seen_nodes(surface[:count], normals[:count], steep[:count])
-        hidden_variance = HIDDEN_NOISE * (hidden.deviation / length_scale) ** 2
+        # Neighbouring nodes there err together: so many of them count as one observation.
+        hidden_variance = 1.5 * (hidden.deviation / length_scale) ** 2
         made_up = np.zeros(len(hidden.points))
         noise = np.concatenate([np.zeros(len(seen) + len(free)), hidden_variance])
         fitted = fit_field(
@@ -267,7 +255,8 @@ def complete_shape(
     hidden = HiddenNodes(np.zeros((0, 3)), np.zeros(0))
     if learnt and cloud.images:
         rough, _ = fitted_to(ROUGH_POINTS, hidden)
-        hidden = hidden_nodes(rough, cloud.images, points, load_hidden_side(), HIDDEN_NODES)
+        # Nodes on the hidden side, all views together.
+        hidden = hidden_nodes(rough, cloud.images, points, load_hidden_side(), 120)
     fitted, observed = fitted_to(len(surface), hidden)
     content = {f.name: getattr(fitted, f.name) for f in fields(Gpdf)}
     return CompletedField(
@@ -281,7 +270,8 @@ def complete_shape(
 
 def _seen_nodes(surface: Array, normals: Array, steep: Mask) -> tuple[Array, Array]:
     """Points of the surface and some on either side of it, and their signed distances from it."""
-    share = round(BESIDE_SHARE * len(surface))
+    # Share of the points that get such values.
+    share = round(0.15 * len(surface))
     beside = np.flatnonzero(~steep)[:share]  # the first ones cover the cloud evenly
     offset = SURFACE_OFFSET * normals[beside]
     nodes = np.concatenate([surface, surface[beside] + offset, surface[beside] - offset])
@@ -291,10 +281,13 @@ def _seen_nodes(surface: Array, normals: Array, steep: Mask) -> tuple[Array, Arr
 
 def _free_nodes(images: tuple[ViewImage, ...], points: Array) -> tuple[Array, Array]:
     """Points just beside the silhouettes, and how far at least the object is from them."""
+    # Nodes in free space keep this distance from observed points [m].
+    clearance = 5e-3
     if not images:
         return np.zeros((0, 3)), np.zeros(0)
-    nodes = np.concatenate([rim_points(image, FREE_NODES // len(images)) for image in images])
+    # Nodes in free space, all views together.
+    nodes = np.concatenate([rim_points(image, 80 // len(images)) for image in images])
     distance = free_distance(images, nodes)
-    apart = cKDTree(points).query(nodes, distance_upper_bound=_CLEARANCE)[0]  # inf if further
-    kept = (distance > 0.0) & (apart > _CLEARANCE)
+    apart = cKDTree(points).query(nodes, distance_upper_bound=clearance)[0]  # inf if further
+    kept = (distance > 0.0) & (apart > clearance)
     return nodes[kept], distance[kept]

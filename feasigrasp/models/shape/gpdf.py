@@ -53,10 +53,6 @@ class SurfacePoints(Frozen):
         return variance
 
 
-#: Shortest step of a ray through the object [m].
-_RAY_STEP = 2e-3
-
-
 @dataclass(frozen=True, eq=False)
 class Gpdf(Frozen):
     """A fitted distance field, in the frame of the points it was fitted to.
@@ -210,6 +206,7 @@ class Gpdf(Frozen):
         Returns:
             Length to the exit, shape (m,) [m]; NaN where there is none.
         """
+        # Shortest step of a ray through the object [m].
         return kernels.march_to_exit(
             self.tiles,
             self.length_scale,
@@ -217,7 +214,7 @@ class Gpdf(Frozen):
             np.asarray(directions),
             start_length,
             max_length,
-            _RAY_STEP,
+            2e-3,
         )
 
     @checked(PointCloudError)
@@ -292,11 +289,9 @@ def checked_queries(x: ArrayLike) -> Array:
 # of the Gaussian process nor what the hidden-side network expects of itself predicts the error
 # better.
 
-#: Error of observed surface [m], and its growth with the distance from it.
-_SEEN, _GROWTH = 0.0002, 0.21
-#: Clearances grow by this share of the predicted deviation of the surface.
+#: Clearances grow by this share of the predicted deviation of the surface. Source: guessed.
 MARGIN_GROWTH = 0.5
-#: Surface this far from all that was seen may not be there at all [m].
+#: Surface this far from all that was seen may not be there at all [m]. Source: guessed.
 INVENTED = 0.010
 
 
@@ -312,7 +307,9 @@ def predicted_deviation(apart: ArrayLike) -> Array:
     Returns:
         The same shape [m].
     """
-    return np.asarray(_SEEN + _GROWTH * np.asarray(apart))
+    # Error of observed surface [m], and its growth with the distance from it.
+    error_of_seen, error_growth = 0.0002, 0.21
+    return np.asarray(error_of_seen + error_growth * np.asarray(apart))
 
 
 def surface_deviation(field: Gpdf, x: Array) -> Array:

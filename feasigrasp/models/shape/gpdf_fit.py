@@ -29,15 +29,6 @@ from feasigrasp.models.quantities import CLOUD, VIEW, Count, Positive
 from feasigrasp.models.shape.gpdf import Gpdf as Gpdf
 from feasigrasp.models.shape.node_sums import LOG2_E, MAX_NODE_RADIUS, gram_lower
 
-#: Above this many points the cloud is thinned evenly before farthest-point selection.
-_MAX_CANDIDATES = 2048
-#: Points that a plane is fitted to for a normal.
-_NEIGHBOURS = 20
-#: Below this |cosine| between a normal and its reference direction its sign is a guess.
-_LEAST_COSINE = 0.15
-#: One chosen point in this number is one that sticks out: the corners.
-_OUTWARD = 8
-
 
 @checked(PointCloudError)
 def fit_gpdf(
@@ -68,17 +59,20 @@ def fit_gpdf(
         PointCloudError: If the cloud has the wrong shape, too few points, NaN or infinity, no
             extent or an absurd one, or if a parameter is out of range.
     """
+    # Above this many points the cloud is thinned evenly before farthest-point selection.
+    max_candidates = 2048
     cloud = checked_cloud(points)
     check_fit(length_scale, noise_variance, surface_offset, max_points)
     bounds = np.stack([cloud.min(axis=0), cloud.max(axis=0)])
     directions = None if viewpoint is None else directions_to_camera(cloud, viewpoint)
 
-    if len(cloud) > _MAX_CANDIDATES:
-        even = np.linspace(0, len(cloud) - 1, max(_MAX_CANDIDATES, max_points)).astype(int)
+    if len(cloud) > max_candidates:
+        even = np.linspace(0, len(cloud) - 1, max(max_candidates, max_points)).astype(int)
         cloud = cloud[even]
         directions = None if directions is None else directions[even]
     count = min(max_points, len(cloud))
-    outward = count // _OUTWARD
+    # One in so many of the chosen points is one that sticks out: the corners.
+    outward = count // 8
     chosen = farthest_points(cloud, count, outward)
     surface = cloud[chosen]
 
@@ -194,7 +188,8 @@ def _outward_normals(
     a normal with the wrong sign does more harm than none.
     """
     at = cloud[indices]
-    _, near = cKDTree(cloud).query(at, k=min(_NEIGHBOURS, len(cloud)))
+    # Points that a plane is fitted to for a normal.
+    _, near = cKDTree(cloud).query(at, k=min(20, len(cloud)))
     patch = cloud[near]
     patch = patch - patch.mean(axis=1, keepdims=True)
     _, vectors = np.linalg.eigh(np.einsum("mki,mkj->mij", patch, patch))
@@ -202,5 +197,6 @@ def _outward_normals(
     reference = at - cloud.mean(axis=0) if towards_camera is None else towards_camera
     length = np.maximum(np.linalg.norm(reference, axis=1), 1e-12)
     cosine = np.einsum("mi,mi->m", normals, reference) / length
-    reliable = np.abs(cosine) > _LEAST_COSINE
+    # Below this |cosine| between a normal and its reference direction its sign is a guess.
+    reliable = np.abs(cosine) > 0.15
     return at[reliable], (normals * np.sign(cosine)[:, None])[reliable]

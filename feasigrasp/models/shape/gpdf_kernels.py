@@ -12,11 +12,6 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import wide_vectors
 from feasigrasp.models.shape.node_sums import make_workspace, value_and_gradient_at, value_at
 
-#: Floor on |grad d| in the damped Newton step.
-SLOPE_FLOOR = 0.2
-#: Damped Newton steps end this close to the surface [m]; most do before their number is up.
-CONVERGED = 1e-9
-
 
 @compiled(nogil=True)
 def values(tiles: Array, length_scale: float, center: Array, points: Array) -> Array:
@@ -52,7 +47,8 @@ def values_and_gradients(
 @compiled
 def newton_step(d: float, slope: float) -> float:
     """Damped Newton step onto d = 0; |grad d| is 0.04 to 0.9, so a step of d is too short."""
-    return min(max(d / max(slope, SLOPE_FLOOR), -2.5 * abs(d)), 2.5 * abs(d))
+    # Floor on |grad d| in the damped Newton step.
+    return min(max(d / max(slope, 0.2), -2.5 * abs(d)), 2.5 * abs(d))
 
 
 @compiled(nogil=True)
@@ -81,7 +77,9 @@ def refine(
             slope = np.sqrt(gx * gx + gy * gy + gz * gz)
             unit = 1.0 / max(slope, 1e-12)
             gx, gy, gz = gx * unit, gy * unit, gz * unit
-            if step == steps or (damped and abs(d) < CONVERGED):
+            # Damped Newton steps end this close to the surface [m]; most do before their number is
+            # up.
+            if step == steps or (damped and abs(d) < 1e-9):
                 break
             length = newton_step(d, slope) if damped else d
             travelled[i] += length

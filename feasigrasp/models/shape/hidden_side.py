@@ -27,10 +27,8 @@ from feasigrasp.models.geometry.points import nearest_distance
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.weights_file import WEIGHTS, WeightArrays, WeightsFormat, check_arrays
 
-#: Half widths of pictures are given relative to this [m].
+#: Half widths of pictures are given relative to this [m]. Source: layout: input of the network.
 TYPICAL_SIZE = 0.1
-#: Thickness that is looked for in the field, least and most [m].
-LEAST, MOST = 4e-3, 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +59,13 @@ def estimated_thickness(image: ViewImage, field: Gpdf) -> tuple[Array, Array]:
         of that end from the nearest observed point; shape (SIDE, SIDE) each [m]; NaN outside the
         silhouette and where there is no end.
     """
+    # Thickness that is looked for in the field, least and most [m].
+    least, most = 4e-3, 0.4
     coarse = image.mask[::2, ::2]
     rays = image.rays()[::2, ::2][coarse] @ image.X_OC[:3, :3].T
     length = np.linalg.norm(rays, axis=1)
     starts = image.X_OC[:3, 3] + image.depth[::2, ::2][coarse][:, None] * rays
-    exits = field.ray_exits(starts, rays / length[:, None], MOST, LEAST) / length
+    exits = field.ray_exits(starts, rays / length[:, None], most, least) / length
     ends = starts + exits[:, None] * rays
     found = np.isfinite(exits)
     apart = np.full(len(exits), np.nan)
@@ -100,13 +100,14 @@ def features(image: ViewImage, field: Gpdf) -> NDArray[np.float32]:
 #: Where the trained weights are.
 DEFAULT_WEIGHTS = WEIGHTS / "hidden_side.npz"
 _FILE = WeightsFormat("hidden side", "feasigrasp hidden_side 2", "feasigrasp train hidden-side")
-#: Channels of a picture, see `hidden_side.features`.
+#: Channels of a picture, see `hidden_side.features`. Source: layout: input of the network.
 FEATURES = 7
-#: The channel with the thickness estimated without the network.
+#: The channel with the thickness estimated without the network. Source: layout: input of the
+#: network.
 ESTIMATED = 4
-#: Channels at half, quarter and eighth resolution.
+#: Channels at half, quarter and eighth resolution. Source: layout: the network's architecture.
 CHANNELS = (32, 64, 96)
-#: Least spread of the thickness, in units of the picture's scale.
+#: Least spread of the thickness, in units of the picture's scale. Source: guessed.
 LEAST_SPREAD = 5e-3
 
 

@@ -70,19 +70,19 @@ def cross_covariance(nodes: Array, length_scale: float, center: Array, points: A
 
 
 #: Nodes in a tile: long enough to pay for the stages, short enough to waste little on padding.
+#: Source: numerical.
 TILE = 128
+#: Places of z and of the weights in a tile. Source: layout.
 _Y, _Z, _ALPHA = TILE, 2 * TILE, 3 * TILE
-#: 1 / ln 2, from ``e^-r`` to ``2^-r``.
+#: 1 / ln 2, from ``e^-r`` to ``2^-r``. Source: formula.
 LOG2_E = 1.4426950408889634
-#: Nodes lie within this of the centre, in scaled units; `fit_field` checks it.
+#: Nodes lie within this of the centre, in scaled units; `fit_field` checks it. Source: numerical.
 MAX_NODE_RADIUS = 150.0
-#: Queries with a larger coordinate are pulled in to here: at least 200 from every node, where
-#: occupancy has underflown, and at most 757, which `exp2_of_minus` can still do.
-_MAX_QUERY = 350.0
-#: Occupancy underflows far away; it is guarded below, never clamped at 1.
+#: Occupancy underflows far away; it is guarded below, never clamped at 1. Source: numerical.
 MIN_OCCUPANCY = 1e-30
-#: Keeps 1/r finite at a node, where the summand of the gradient is 0.
+#: Keeps 1/r finite at a node, where the summand of the gradient is 0. Source: numerical.
 TINY = 1e-30
+#: Bytes of a cache line. Source: numerical.
 _CACHE_LINE = 64
 
 
@@ -158,9 +158,12 @@ def _sum_of_gradients(
 @compiled
 def pulled_in(x: float, y: float, z: float) -> tuple[float, float, float]:
     """A scaled query point, clamped to a distance at which occupancy underflows."""
+    # Queries with a larger coordinate are pulled in to here: at least 200 from every node, where
+    # occupancy has underflown, and at most 757, which `exp2_of_minus` can still do.
+    max_query = 350.0
     largest = max(abs(x), abs(y), abs(z))
-    if largest > _MAX_QUERY:
-        shrink = _MAX_QUERY / largest
+    if largest > max_query:
+        shrink = max_query / largest
         x, y, z = x * shrink, y * shrink, z * shrink
     return x, y, z
 

@@ -33,7 +33,7 @@ from feasigrasp.models.quantities import POINTS, VIEW, ArrayOf, Bound, NotNegati
 from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
-#: Edge length of the cubes with a field each [m], and how it is fitted.
+#: Edge length of the cubes with a field each [m], and how it is fitted. Source: guessed.
 _CUBE = 0.25
 _FIT: dict[str, Any] = {
     "length_scale": 0.1,
@@ -41,17 +41,9 @@ _FIT: dict[str, Any] = {
     "surface_offset": 0.005,
     "max_points": 320,
 }
-#: Points this far around a cube take part in its field, so that neighbours agree [m].
-_RIM = 0.04
-#: Steps onto the surface, before and after moving along it towards the query.
-_STEPS_BEFORE, _STEPS_AFTER = 1, 2
-#: Closer to the surface than this the field's own normal is the gradient [m].
-_TOUCHING = 1e-3
 #: Points in a leaf of the look-up tree: of a point far from a plane many are nearly nearest, and
-#: going through them beats going through branches by a factor of two.
+#: going through them beats going through branches by a factor of two. Source: measured.
 _LEAF = 64
-#: Cosine to the outward normal below which a query lies behind the surface, not beside its rim.
-_BEHIND = -0.5
 
 
 _UNOBSERVED = ArrayOf(("k", 3), "m")
@@ -124,10 +116,13 @@ class SceneField(Frozen):
         offset = x - feet
         distance = np.linalg.norm(offset, axis=1)
         height = np.einsum("mi,mi->m", offset, normals)
-        inside = (height < _BEHIND * distance) & (distance < self.thickness)
+        # Cosine to the outward normal below which a query lies behind the surface, not beside its
+        # rim.
+        inside = (height < -0.5 * distance) & (distance < self.thickness)
         sign = np.where(inside, -1.0, 1.0)
         gradient = offset * (sign / np.maximum(distance, 1e-12))[:, None]
-        touching = distance < _TOUCHING
+        # Closer to the surface than this the field's own normal is the gradient [m].
+        touching = distance < 1e-3
         gradient[touching] = normals[touching]
         return np.where(touching, height, sign * distance), gradient
 
@@ -154,6 +149,8 @@ class SceneField(Frozen):
 
     def _feet(self, x: Array, nearest: Indices) -> tuple[Array, Array]:
         """Surface points (m, 3) about the nearest observed ones, and outward normals (m, 3)."""
+        # Steps onto the surface, before and after moving along it towards the query.
+        steps_before, steps_after = 1, 2
         start = self.points[nearest]
         feet, normals = start.copy(), np.zeros_like(x)
         cubes = self.cube[nearest]
@@ -161,9 +158,9 @@ class SceneField(Frozen):
             gpdf, of_cube = self.fields[cube], np.flatnonzero(cubes == cube)
             if gpdf is None:
                 continue
-            _, p, n = gpdf.refine(start[of_cube], _STEPS_BEFORE)
+            _, p, n = gpdf.refine(start[of_cube], steps_before)
             p = p + _along(x[of_cube] - p, n, self.resolution / 2)
-            _, p, normals[of_cube] = gpdf.refine(p, _STEPS_AFTER)
+            _, p, normals[of_cube] = gpdf.refine(p, steps_after)
             feet[of_cube] += _shortened(p - start[of_cube], self.resolution)
         return feet, normals
 
@@ -194,6 +191,8 @@ def fit_scene(
     Raises:
         PointCloudError: If the cloud is too small, of the wrong shape, or holds NaN or infinity.
     """
+    # Points this far around a cube take part in its field, so that neighbours agree [m].
+    rim = 0.04
     cloud = checked_queries(points)
     if len(cloud) < MIN_POINTS:
         raise PointCloudError(
@@ -209,7 +208,7 @@ def fit_scene(
     corners, cube = np.unique(cells, axis=0, return_inverse=True)
     fields: list[Gpdf | None] = []
     for low in (corners - 0.5) * _CUBE:
-        inside = ((thin > low - _RIM) & (thin < low + _CUBE + _RIM)).all(axis=1)
+        inside = ((thin > low - rim) & (thin < low + _CUBE + rim)).all(axis=1)
         try:
             fields.append(fit_gpdf(thin[inside], viewpoint=directions[inside], **_FIT))
         except PointCloudError:  # a handful of points

@@ -11,23 +11,16 @@ from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.tracking.registration import Registration
 from feasigrasp.models.tracking.view import ObjectView
 
-#: A keyframe shows such a share of the known surface and has such a share of its points on the
-#: model and of the model beside the object; largest distance of the surface, one standard deviation
-#: [m].
-_KEY_VIEW, _KEY_INLIERS, _KEY_BESIDE, _KEY_DEVIATION = 0.7, 0.85, 0.1, 1.6e-3
 #: A side this far from all observed ones [rad], or a view of which such a share is new, is taken as
 #: soon as these allow it: once nothing that is known is in the image any more, it is too late.
+#: Source: guessed.
 _OTHER_SIDE, _NEW_PART = np.deg2rad(30.0), 0.25
 _OTHER_VIEW, _OTHER_INLIERS, _OTHER_DEVIATION = 0.35, 0.75, 2.5e-3
 #: Time between keyframes at least [s]; views of one side that suffice; when it is looked at again.
+#: Source: guessed.
 KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
-#: Views of a side after which its keyframes are fewer, and the time between these [s].
-_KNOWN_SIDE, _KNOWN_PERIOD = 3, 0.4
-#: Largest number of points of a keyframe: what more there are of a near object are closer together
-#: than the model is fine.
-_MOST_POINTS = 6000
-#: Points so near to the border of an image are where it cuts the object off, until an image shows
-#: a margin of this width around them [px]; numbers kept of an image, and of all.
+#: Points so near to the border of an image are where it cuts the object off, until an image shows a
+#: margin of this width around them [px]; so many are kept of an image, and of all. Source: guessed.
 _AT_BORDER, _SEEN_PAST = 4.0, 12.0
 _CUT_POINTS, _MOST_CUT = 60, 600
 
@@ -68,7 +61,9 @@ def keyframe_of(
         deviation: How far the surface may be from there, across itself [m].
         begun_at: Time of the first view of this O [s].
     """
-    points_W = view.points_W[:: -(-len(view.points_W) // _MOST_POINTS)]
+    # A keyframe has so many points at most: what more there are of a near object are closer
+    # together than the model is fine.
+    points_W = view.points_W[:: -(-len(view.points_W) // 6000)]
     p_OC = _in_object(X_WO, view.X_WC[:3, 3])
     return Keyframe(_in_object(X_WO, points_W), p_OC, time, deviation, begun_at)
 
@@ -82,21 +77,27 @@ def is_worth_merging(key: Keyframe, found: Registration, last: float, views: Vie
         last: Time of the last keyframe [s], at least `KEY_PERIOD` ago.
         views: From where the merged views were taken.
     """
+    # Of a side that was seen so many times there are fewer: so much time between them [s].
+    known_side, known_period = 3, 0.4
     new_part = found.new > _NEW_PART
     if not _good_enough(key, found, other=new_part or views.turned(key.p_OC) > _OTHER_SIDE):
         return False
-    if new_part or views.adds_information(key.p_OC, key.time, _KNOWN_SIDE, _KEY_REVISIT):
+    if new_part or views.adds_information(key.p_OC, key.time, known_side, _KEY_REVISIT):
         return True
-    late = key.time >= last + _KNOWN_PERIOD
+    late = key.time >= last + known_period
     return late and views.adds_information(key.p_OC, key.time, KEY_VIEWS, _KEY_REVISIT)
 
 
 def _good_enough(key: Keyframe, found: Registration, *, other: bool) -> bool:
     """Whether a pose is good enough to merge the view by it, of another side or of a known one."""
-    in_view = _OTHER_VIEW if other else _KEY_VIEW
-    inliers = _OTHER_INLIERS if other else _KEY_INLIERS
-    deviation = _OTHER_DEVIATION if other else _KEY_DEVIATION
-    reliable = found.inliers > inliers and found.beside < _KEY_BESIDE
+    # A keyframe shows such a share of the known surface and has such a share of its points on the
+    # model and of the model beside the object; largest distance of the surface, one standard
+    # deviation [m].
+    key_view, key_inliers, key_beside, key_deviation = 0.7, 0.85, 0.1, 1.6e-3
+    in_view = _OTHER_VIEW if other else key_view
+    inliers = _OTHER_INLIERS if other else key_inliers
+    deviation = _OTHER_DEVIATION if other else key_deviation
+    reliable = found.inliers > inliers and found.beside < key_beside
     return reliable and found.in_view > in_view and key.deviation < deviation
 
 

@@ -26,6 +26,7 @@ from feasigrasp.models.shape.gpdf import Gpdf
 # Error Models, 1987.)
 
 #: Share of the whole information that wrong normals alone bring, in every direction, at least.
+#: Source: guessed.
 NOISE_SHARE = 0.003
 
 
@@ -93,19 +94,6 @@ def surface_deviation(covariance: Array, lever: Array, normals: Array) -> float:
     return float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", rows, covariance, rows))))
 
 
-#: Points of the model that are looked for in an image.
-_PROBES = 300
-#: Rigid displacements for the error of the normals, and how far they move the points [m].
-_DISPLACEMENTS, _DISPLACED = 4, 4e-3
-#: Neighbours of an observed point that decide whether the surface goes on around it, and how far
-#: off their middle is at an edge, in units of their distance.
-_NEIGHBOURS, _ONE_SIDED = 16, 0.25
-#: Such an edge is that of an image, and not of the object, near to where one ended [m].
-_NEAR_CUT = 0.01
-#: Slopes of the raw distance below this are no slopes, as in the field's own Newton step.
-_LEAST_SLOPE = 0.2
-
-
 @dataclass(frozen=True, eq=False)
 class TrackedModel(Frozen):
     """A field with the points that it was fitted to.
@@ -141,18 +129,23 @@ class TrackedModel(Frozen):
         Nothing is known of what is beyond, not even that the object ends there, as its silhouette
         would tell.
         """
+        # Neighbours of an observed point that decide whether the surface goes on around it, and how
+        # far off their middle is at an edge, in units of their distance.
+        neighbours, one_sided = 16, 0.25
         if len(self.cut) == 0:
             return np.zeros(len(self.points), dtype=bool)
-        near_cut = cKDTree(self.cut).query(self.points)[0] < _NEAR_CUT
-        gap, near = self.tree.query(self.points, k=min(_NEIGHBOURS, len(self.points)))
+        # Such an edge is that of an image, and not of the object, near to where one ended [m].
+        near_cut = cKDTree(self.cut).query(self.points)[0] < 0.01
+        gap, near = self.tree.query(self.points, k=min(neighbours, len(self.points)))
         way = self.points - self.points[near].mean(axis=1)
         way -= np.einsum("ij,ij->i", way, self.normals)[:, None] * self.normals
-        return np.asarray(near_cut & (np.linalg.norm(way, axis=1) > _ONE_SIDED * gap[:, -1]))
+        return np.asarray(near_cut & (np.linalg.norm(way, axis=1) > one_sided * gap[:, -1]))
 
     @cached_property
     def probes(self) -> tuple[Array, Array]:
         """Some observed points, spread evenly, and their normals, shape (k, 3) each."""
-        chosen = farthest_points(self.points, min(_PROBES, len(self.points)))
+        # Points of the model that are looked for in an image.
+        chosen = farthest_points(self.points, min(300, len(self.points)))
         return self.points[chosen], self.normals[chosen]
 
     @cached_property
@@ -163,20 +156,22 @@ class TrackedModel(Frozen):
         distances is what a registration can gain; the normals there promise more. Displaced by more
         than the size of a bump, points know nothing of the bumps.
         """
+        # Rigid displacements for the error of the normals, and how far they move the points [m].
+        displacements, displaced = 4, 4e-3
         points = self.probes[0]
         middle = points.mean(axis=0)
         lever = points - middle
         radius = float(np.sqrt(np.square(lever).sum(axis=1).mean()))
         rng = np.random.default_rng(0)
         missing = total = 0.0
-        for y in rng.normal(size=(_DISPLACEMENTS, 6)):
+        for y in rng.normal(size=(displacements, 6)):
             e = np.concatenate([y[:3] / max(radius, 1e-3), y[3:]])
             way = np.cross(e[:3], lever) + e[3:]
-            e *= _DISPLACED / np.sqrt(np.square(way).sum(axis=1).mean())
+            e *= displaced / np.sqrt(np.square(way).sum(axis=1).mean())
             both = [lever @ se3.so3_exp(sign * e[:3]).T + sign * e[3:] for sign in (1.0, -1.0)]
             at = np.concatenate(both)
             distance, normals = self.distance(at + middle)
-            known = self.tree.query(at + middle, distance_upper_bound=_DISPLACED)[0] < _DISPLACED
+            known = self.tree.query(at + middle, distance_upper_bound=displaced)[0] < displaced
             promised = jacobian(at, normals) @ -e
             gained = np.repeat([1.0, -1.0], len(lever)) * promised * distance
             missing += known @ (np.square(promised) - gained)
@@ -195,6 +190,7 @@ class TrackedModel(Frozen):
         """
         raw, gradient = self.gpdf.distance_and_gradient(x)
         slope = np.sqrt(np.einsum("ij,ij->i", gradient, gradient))
-        step = raw / np.maximum(slope, _LEAST_SLOPE)
+        # Slopes of the raw distance below this are no slopes, as in the field's own Newton step.
+        step = raw / np.maximum(slope, 0.2)
         normals = gradient / np.maximum(slope, 1e-12)[:, None]
         return np.clip(step, -2.5 * np.abs(raw), 2.5 * np.abs(raw)), normals

@@ -36,32 +36,11 @@ from feasigrasp.models.tracking.model import TrackedModel, jacobian, without_noi
 from feasigrasp.models.tracking.twist_filter import moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
 
-#: Points of an image that are used, at most; they are spread over it.
-_POINTS = 450
-#: Errors of neighbouring pixels and model points correlate: this number counts as one.
+#: Neighbouring pixels and model points err together: so many count as one. Source: guessed.
 CORRELATED = 20.0
-#: Least standard deviation of a residual: bumps of the model [m].
-_MODEL_SIGMA = 5e-4
-#: A point this near to an observed one is on observed surface [m]; beyond, the surface is a guess
-#: that errs by this share of the distance.
-_OBSERVED, _GUESS = 4e-3, 0.5
-#: One this far from any is new, beyond what the sensor's noise explains [m].
-_NEW = 1e-2
-#: A tangent plane is one for points so near [m] whose field has the same normal (cosine).
-_PLANE, _SAME_SIDE = 5e-3, 0.8
-#: Standard deviation of the silhouette, in pixels.
-_SILHOUETTE_SIGMA = 2.0
-#: Residuals beyond this number of standard deviations count less.
-_ROBUST = 3.0
-#: At the start of the search they are allowed to be so large [m], at most.
-_WIDE = 0.012
-#: A residual below this, or this number of standard deviations, is an inlier's [m].
+#: A residual below this, or so many standard deviations, is an inlier's [m]. Source: guessed.
 _INLIER, _INLIER_SIGMAS = 3e-3, 3.0
 _STEPS = 6
-#: Where less of the surface than this share is inside the image, it counts by the square of that.
-_WHOLE = 0.5
-#: Steps smaller than this end the search [rad, m].
-_SMALL = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +96,8 @@ def register(
     covariance: Array,
     *,
     start: Array | None = None,
-    points: int = _POINTS,
+    # Points of an image that are used, at most; they are spread over it.
+    points: int = 450,
 ) -> Registration:
     """Finds the pose.
 
@@ -129,14 +109,20 @@ def register(
         start: Where the search starts, if not there, shape (4, 4).
         points: Points of the image that are used, at most.
     """
+    # At the start of the search they are allowed to be so large [m], at most.
+    widest = 0.012
+    # A point this near to an observed one is on observed surface [m]; beyond, the surface is a
+    # guess that errs by this share of the distance.
+    observed_within, guess_share = 4e-3, 0.5
     every = -(-len(view.points_W) // points)
     x, x_C = view.points_W[::every], view.points_C[::every]
-    sensor = view.sigma(x_C) ** 2 + _MODEL_SIGMA**2
+    # Least standard deviation of a residual: bumps of the model [m].
+    sensor = view.sigma(x_C) ** 2 + 5e-4**2
     prior: Array = np.asarray(np.linalg.inv(covariance), dtype=float)
     X: Array = X_WO if start is None else start
-    wide = _WIDE
+    wide = widest
     if start is None:
-        wide = min(_WIDE, 3.0 * float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0)) + 2e-3)
+        wide = min(widest, 3.0 * float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0)) + 2e-3)
     information: Array = np.zeros((6, 6))
     inlier: Mask = np.zeros(len(x), dtype=bool)
     at_end: Mask = np.zeros(len(x), dtype=bool)
@@ -149,7 +135,7 @@ def register(
             gap, nearest = model.tree.query(local)
         distance, normals = model.distance(local)
         at_end = model.open_ends[nearest]
-        guess = (_GUESS * np.maximum(gap - _OBSERVED, 0.0)) ** 2
+        guess = (guess_share * np.maximum(gap - observed_within, 0.0)) ** 2
         variance = sensor + guess
         inlier = np.abs(distance) < np.maximum(_INLIER, _INLIER_SIGMAS * np.sqrt(sensor))
         scale = wide * 0.5**step
@@ -170,7 +156,9 @@ def register(
         gradient = projection @ (rows.T @ (weights * residuals))
         rim_rows, rim_weights, rim_residuals, shown = _silhouette(model, view, X)
         # A small part of the object errs together.
-        share = min(1.0, shown["inside"] / _WHOLE) ** 2
+        # Where less of the surface than this share is inside the image, it counts by the square of
+        # that.
+        share = min(1.0, shown["inside"] / 0.5) ** 2
         information, gradient = share * information, share * gradient
         information = information + rim_rows.T @ (rim_weights[:, None] * rim_rows)
         gradient = gradient + rim_rows.T @ (rim_weights * rim_residuals)
@@ -178,9 +166,11 @@ def register(
             break
         change = -np.linalg.solve(information + prior, gradient + _prior_gradient(prior, X_WO, X))
         X = moved(X, change)
-        if scale < 1e-3 and np.abs(change).max() < _SMALL:
+        # Steps smaller than this end the search [rad, m].
+        if scale < 1e-3 and np.abs(change).max() < 1e-4:
             break
-    known = inlier | ~at_end & (gap < _NEW + _INLIER_SIGMAS * np.sqrt(sensor))
+    # One this far from any is new, beyond what the sensor's noise explains [m].
+    known = inlier | ~at_end & (gap < 1e-2 + _INLIER_SIGMAS * np.sqrt(sensor))
     new = float(1.0 - known.mean())
     inliers = float(inlier[known].mean()) if known.any() else 0.0
     return Registration(X, information, inliers, new=new, **shown)
@@ -193,13 +183,16 @@ def _prior_gradient(prior: Array, X_expected: Array, X: Array) -> Array:
 
 def _robust(residual: Array, variance: Array, scale: float) -> Array:
     """Weights of Geman and McClure, divided by the variance, shape (n,)."""
-    limit = np.maximum(_ROBUST**2 * variance, scale**2)
+    # Residuals beyond so many standard deviations count less.
+    limit = np.maximum(3.0**2 * variance, scale**2)
     return np.asarray(1.0 / (variance * (1.0 + residual**2 / limit) ** 2))
 
 
 def _on_plane(model: TrackedModel, gap: Array, nearest: Array, normals: Array) -> Mask:
-    same = np.einsum("ij,ij->i", normals, model.normals[nearest]) > _SAME_SIDE
-    return np.asarray(same & (gap < _PLANE))
+    # A tangent plane is one for points so near [m] whose field has the same normal (cosine).
+    plane, same_side = 5e-3, 0.8
+    same = np.einsum("ij,ij->i", normals, model.normals[nearest]) > same_side
+    return np.asarray(same & (gap < plane))
 
 
 def _silhouette(
@@ -235,40 +228,35 @@ def _silhouette(
     direction[:, 2] = -np.einsum("ij,ij->i", direction[:, :2], at[:, :2]) / at[:, 2]
     normals_W = direction @ view.X_WC[:3, :3].T
     rows = -jacobian(lever[found], normals_W)
-    sigma = _SILHOUETTE_SIGMA * at[:, 2] / view.camera.intrinsics[0]
+    # Standard deviation of the silhouette, in pixels.
+    sigma = 2.0 * at[:, 2] / view.camera.intrinsics[0]
     weights = _robust(excess, sigma**2, 5e-3) / CORRELATED
     return rows, weights, -excess, result
 
 
-#: What an image must show for its pose to be accepted: shares of the known surface that are inside
-#: the image, of points on the model, of the facing model inside the image that is seen, and, at
-#: most, of the facing model that projects beside the object. How much it then says is left to the
-#: information: little of the object determines little.
-_LEAST_INSIDE, _LEAST_INLIERS, _LEAST_COVERED, _MOST_BESIDE = 0.05, 0.6, 0.5, 0.35
-#: Points of a new side need not be on the model; this share of all is at least.
-_LEAST_ON_MODEL = 0.45
-#: Where less than this share of the known, facing surface is in the image, this share of points
-#: must be on the model; where hardly any is, the observed side is new, and its observed part says
-#: nothing.
+#: Where less than this share of the known, facing surface is in the image, so many points must be
+#: on the model; where hardly any is, the observed side is new, and its observed part says nothing.
+#: Source: guessed.
 _LITTLE, _INLIERS_OF_LITTLE, _NEW_SIDE = 0.25, 0.7, 0.02
-#: Less of the known surface than this faces a camera that sees another side.
+#: Less of the known surface than this faces a camera that sees another side. Source: guessed.
 _LEAST_FACING = 0.03
-#: A pose that is not where it was expected shows such a share of the facing surface in the image,
-_FOUND_VIEW = 0.3
-#: and has so much of the points on the model, of the model beside the object, and of what is in
-#: view seen; and if any turn was tried.
-_FOUND, _FOUND_AT_ANY_ORIENTATION = (0.85, 0.1, 0.7), (0.95, 0.05, 0.8)
 
 
 def is_accepted(found: Registration) -> bool:
     """Acceptance test of a pose near the expected one."""
+    # What an image must show for its pose to be accepted: shares of the known surface that are
+    # inside the image, of points on the model, of the facing model inside the image that is seen,
+    # and, at most, of the facing model that projects beside the object. How much it then says is
+    # left to the information: little of the object determines little.
+    least_inside, least_inliers, least_covered, most_beside = 0.05, 0.6, 0.5, 0.35
     little = found.in_view < _LITTLE
+    # Points of a new side are not asked to be on the model; so many of all are at least.
     return (
-        found.inside >= _LEAST_INSIDE
-        and found.inliers >= (_INLIERS_OF_LITTLE if little else _LEAST_INLIERS)
-        and found.on_model >= _LEAST_ON_MODEL
-        and (found.covered >= _LEAST_COVERED or found.in_view < _NEW_SIDE)
-        and found.beside <= _MOST_BESIDE
+        found.inside >= least_inside
+        and found.inliers >= (_INLIERS_OF_LITTLE if little else least_inliers)
+        and found.on_model >= 0.45
+        and (found.covered >= least_covered or found.in_view < _NEW_SIDE)
+        and found.beside <= most_beside
     )
 
 
@@ -285,11 +273,16 @@ def is_found(found: Registration, *, any_orientation: bool = False) -> bool:
         any_orientation: Whether it was searched for at all orientations, where some wrong one fits
             as well.
     """
-    least_on, most_beside, least_covered = _FOUND_AT_ANY_ORIENTATION if any_orientation else _FOUND
+    # and has so much of the points on the model, of the model beside the object, and of what is in
+    # view seen; and if any turn was tried.
+    shares, shares_at_any_orientation = (0.85, 0.1, 0.7), (0.95, 0.05, 0.8)
+    least_on, most_beside, least_covered = shares_at_any_orientation if any_orientation else shares
+    # A pose that is not where it was expected shows such a share of the facing surface in the
+    # image,
     return (
         is_accepted(found)
         and found.facing >= _LEAST_FACING
-        and found.in_view >= _FOUND_VIEW
+        and found.in_view >= 0.3
         and found.on_model > least_on
         and found.beside < most_beside
         and found.covered >= least_covered

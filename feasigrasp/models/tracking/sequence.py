@@ -18,11 +18,6 @@ from feasigrasp.models.tracking.keyframe import Keyframe
 from feasigrasp.models.tracking.tracker import FieldTrack, track
 from feasigrasp.models.tracking.view import ObjectView
 
-#: Fewer points are no view to merge.
-_LEAST_POINTS = 64
-#: Points that the field is fitted to: what there is time for ten times a second.
-_MAX_POINTS = 320
-
 
 @dataclass(frozen=True, eq=False)
 class LearntShape(Frozen):
@@ -58,7 +53,8 @@ class LearntShape(Frozen):
         looked = replace(self, looked=keyframe.time)
         before = self if self.is_of(keyframe) else self._forgotten()
         points, known = keyframe.points_O, before.cloud.points
-        kept, fault, _ = usable_points(points, keyframe.p_OC, _LEAST_POINTS, known)
+        # Fewer points are no view to merge.
+        kept, fault, _ = usable_points(points, keyframe.p_OC, 64, known)
         if fault is not None:
             return replace(looked, faults=self.faults + Counter([fault]))
         # The tracker has registered it to this very cloud; merging must not move O.
@@ -110,5 +106,6 @@ class SequenceTracker(Frozen):
 
     def learnt(self) -> SequenceTracker:
         """With the last keyframe merged, if it is not already."""
-        shape = self.shape.merged(self.track.keyframe, max_points=_MAX_POINTS)
+        # Points that the field is fitted to: what there is time for ten times a second.
+        shape = self.shape.merged(self.track.keyframe, max_points=320)
         return self if shape is self.shape else replace(self, shape=shape)

@@ -50,32 +50,15 @@ from feasigrasp.models.tracking.registration import (
 from feasigrasp.models.tracking.twist_filter import TwistFilter, jerk_of, moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
 
-#: Least number of points of a first view, and of any other.
+#: A first view has at least so many points, any other so many. Source: guessed.
 _FIRST_POINTS, _LEAST_POINTS = 300, 80
-#: An object whose surface is known no better than this is not tracked, though some is seen [m].
-_MOST_DEVIATION = 5e-3
-#: After so long without a pose the object is searched for from several starts, and again so much
-#: later [s].
-_SEARCH_AFTER, _SEARCH_PERIOD = 0.25, 0.2
 #: After such a gap little in the image is not enough, and any turn is tried [s]; a pose this far
-#: from the expected one is asked for as much as one that was searched for [m].
+#: from the expected one is asked for as much as one that was searched for [m]. Source: guessed.
 _LONG_GAP, _LARGE_STEP = 1.0, 0.01
-#: An object that is seen as a whole is not recognised for so long: what is known is given up [s].
-_GIVEN_UP = 0.6
-#: A merged view moves the model by its own error, as one of the views merged, and by this share
-#: of it at least: where it shows another side it is the only one.
-_LEAST_SHARE = 0.2
-#: Before there is a model: how far the center of the visible points moves by itself, as another
-#: part of the object is seen [m].
-_MIDDLE_ERROR = 4e-3
-#: What is known without any image of where a model is: standard deviations [rad, m].
-_UNKNOWN = (0.3, 0.03)
-#: Points after which a path is known; out of sight an object is expected on it, slowing down
+#: So many points of its path make it known; out of sight an object is expected on it, slowing down
 #: over this time [s]: a path that is wrong must not carry the hand off. Its twist there is taken
-#: over this [s].
+#: over this [s]. Source: guessed.
 _KNOWN_PATH, _SLOWING, _STEP = 12, 2.0, 1e-3
-#: What the tracked path is worth to the predictor of the motion [m, rad].
-_PATH_ERROR = (1.5e-3, 8e-3)
 
 
 _STATE = ArrayOf(empty_state().shape, finite=False)
@@ -138,7 +121,9 @@ class FieldTrack(Frozen):
         age = time - self.measured_at
         if age >= silence:
             return TrackingState.LOST
-        known = age <= COASTING_AFTER and self.deviation < _MOST_DEVIATION
+        # An object whose surface is known no better than this is not tracked, though some is seen
+        # [m].
+        known = age <= COASTING_AFTER and self.deviation < 5e-3
         return TrackingState.TRACKING if known else TrackingState.COASTING
 
 
@@ -206,7 +191,9 @@ def track(
     whole = len(view.points_W) >= _FIRST_POINTS and not is_cut(view)
     unknown = whole and gap > _LONG_GAP and not held and after.measured_at < time
     after = replace(after, unknown_since=min(after.unknown_since, time) if unknown else np.inf)
-    if time - after.unknown_since >= _GIVEN_UP:
+    # An object that is seen as a whole is not recognised for so long: what is known is given up
+    # [s].
+    if time - after.unknown_since >= 0.6:
         return _begun(after, view, time)
     return _passed_on(replace(after, in_view=0.0))
 
@@ -230,11 +217,14 @@ def _by_middle(before: FieldTrack, view: ObjectView) -> FieldTrack:
 
     Not so where the image ends within the object.
     """
+    # Before there is a model: how far the center of the visible points moves by itself, as another
+    # part of the object is seen [m].
+    middle_error = 4e-3
     expected = before.estimate
     assert expected is not None
     if len(view.points_W) < _FIRST_POINTS or is_cut(view):
         return replace(before, in_view=0.0)
-    information = np.diag(np.repeat([0.0, _MIDDLE_ERROR**-2], 3))
+    information = np.diag(np.repeat([0.0, middle_error**-2], 3))
     P = expected.pose_covariance
     error = np.median(view.points_W, axis=0) - expected.X_WO[:3, 3]
     step = np.linalg.solve(np.linalg.inv(P) + information, information[:, 3:] @ error)
@@ -243,7 +233,7 @@ def _by_middle(before: FieldTrack, view: ObjectView) -> FieldTrack:
         before,
         measured=estimate,
         estimate=estimate,
-        deviation=_MIDDLE_ERROR,
+        deviation=middle_error,
         information=information,
     )
 
@@ -258,8 +248,11 @@ def _one_view(information: Array, views: int) -> Array:
         information: Information matrix of an image, shape (6, 6).
         views: How many the model is made of.
     """
-    share = max(1.0 / max(views, 1), _LEAST_SHARE)
-    least = np.diag(1.0 / np.square(np.repeat(_UNKNOWN, 3)))
+    # A merged view moves the model by its own error, as one of so many views, and by this share of
+    # it at least: where it shows another side it is the only one.
+    share = max(1.0 / max(views, 1), 0.2)
+    # What is known without any image of where a model is: standard deviations [rad, m].
+    least = np.diag(1.0 / np.square(np.repeat((0.3, 0.03), 3)))
     return np.asarray(share**2 * np.linalg.inv(information + least))
 
 
@@ -277,6 +270,9 @@ def _located(
         What is known after it, and how the view fits; ``before`` and None if it gives no pose, but
         with the time of a search.
     """
+    # After so long without a pose the object is searched for from several starts, and again so much
+    # later [s].
+    search_after, search_period = 0.25, 0.2
     model, expected, last = before.model, before.estimate, before.measured
     if model is None or expected is None or last is None or len(view.points_W) < _LEAST_POINTS:
         return before, None
@@ -285,7 +281,7 @@ def _located(
     near = np.linalg.norm(found.X_WO[:3, 3] - expected.X_WO[:3, 3]) <= _LARGE_STEP
     good = is_accepted(found) if near else is_found(found)
     good = good and (gap < _LONG_GAP or shows_model(found))
-    may_search = gap > _SEARCH_AFTER and time >= before.searched_at + _SEARCH_PERIOD
+    may_search = gap > search_after and time >= before.searched_at + search_period
     if not good and may_search and len(view.points_W) >= _FIRST_POINTS:
         before = replace(before, searched_at=time)
         # Where it is expected, and where it is if it has gone on as it went.
@@ -346,7 +342,8 @@ def _passed_on(track: FieldTrack) -> FieldTrack:
     """With the pose taken in by the filter that predicts."""
     assert track.estimate is not None
     motion, jerk = track.motion.copy(), jerk_of(track.estimate.a_WO)
-    noise = Noise(*_PATH_ERROR, jerk=jerk)
+    # What the tracked path is worth to the predictor of the motion [m, rad].
+    noise = Noise(1.5e-3, 8e-3, jerk=jerk)
     measure_kernel(motion, track.image_time, np.array(track.estimate.X_WO), noise)
     seen = track.measured_at == track.image_time
     return replace(track, motion=motion, measured_motion=motion if seen else track.measured_motion)

@@ -34,24 +34,16 @@ from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 
 #: How quickly the angular velocity changes [rad/s in 1 s]: square root of a density. The same of
-#: the velocity while nothing is measured [m/s in 1 s].
+#: the velocity while nothing is measured [m/s in 1 s]. Source: guessed.
 TWIST_NOISE, _COASTING_NOISE = 0.1, 0.1
-#: The same of the acceleration, of one that is zero [m/s^2 in 1 s], and what it grows by with it.
-_JERK, _JERK_OF_ACCELERATION = 1.0, 3.0
 #: What is known before the first image: standard deviations of the twist [rad/s, m/s] and the
-#: acceleration [m/s^2].
+#: acceleration [m/s^2]. Source: guessed.
 TWIST_PRIOR, _ACCELERATION_PRIOR = (0.5, 0.4), 1.5
 _MOTION_PRIOR = np.repeat([*TWIST_PRIOR, _ACCELERATION_PRIOR], 3)
-#: The first image defines the frame; what is left is rounding [rad, m].
-_POSE_PRIOR = (1e-3, 1e-4)
-#: A twist that is not measured dies away over this time [s] ...
+#: A twist that is not measured dies away over this time [s]. Source: guessed.
 DECAY = 0.6
-#: ... and one that is turns steadily for about so long [s]: keeps what no image determines at rest.
-_STEADY = 5.0
-#: Slower than this, no direction is known [m/s]; what seems to turn more quickly is noise [rad/s].
-_STANDS, _TIGHTEST = 0.05, 6.0
 #: An acceleration lasts for about so long [s]; where nothing is measured, the way is bent by it for
-#: so long at most, and then goes straight on [s].
+#: so long at most, and then goes straight on [s]. Source: guessed.
 _CURVE, _BENT = 0.5, 0.1
 
 
@@ -81,7 +73,8 @@ class TwistFilter(Frozen):
     @classmethod
     def at_rest(cls, time: float, X_WO: Array) -> TwistFilter:
         """Estimate at rest, with a given pose and unknown motion."""
-        sigma = np.concatenate([np.repeat(_POSE_PRIOR, 3), _MOTION_PRIOR])
+        # The first image defines the frame; what is left is rounding [rad, m].
+        sigma = np.concatenate([np.repeat((1e-3, 1e-4), 3), _MOTION_PRIOR])
         return cls(time, X_WO, np.zeros(6), np.zeros(3), np.diag(sigma**2))
 
     @property
@@ -92,10 +85,13 @@ class TwistFilter(Frozen):
     @cached_property
     def jerk(self) -> Array:
         """Rate of the acceleration on a circle, shape (3,) [m/s^3]: it turns with the path."""
+        # Slower than this, no direction is known [m/s]; what seems to turn more quickly is noise
+        # [rad/s].
+        stands, tightest = 0.05, 6.0
         v, a = self.V_WO[3:], self.a_WO
-        square = max(float(v @ v), _STANDS**2)
+        square = max(float(v @ v), stands**2)
         across = a - (a @ v) / square * v
-        return np.asarray(-min(float(across @ across) / square, _TIGHTEST**2) * v)
+        return np.asarray(-min(float(across @ across) / square, tightest**2) * v)
 
     def pose(self, time: float, *, coasting: bool = False) -> Array:
         """The pose expected at a time, shape (4, 4)."""
@@ -194,12 +190,17 @@ def _way(dt: float) -> float:
 
 def jerk_of(a_WO: Array) -> float:
     """Process noise of an acceleration (3,) [m/s^2 in 1 s]: square root of a density."""
-    return _JERK + _JERK_OF_ACCELERATION * float(np.linalg.norm(a_WO))
+    # The same of the acceleration, of one that is zero [m/s^2 in 1 s], and what it grows by with
+    # it.
+    jerk_at_rest, jerk_growth = 1.0, 3.0
+    return jerk_at_rest + jerk_growth * float(np.linalg.norm(a_WO))
 
 
 def _kept(dt: float, coasting: bool) -> Array:
     """What is left of a twist, shape (6,)."""
-    left = np.exp(-dt / (DECAY if coasting else _STEADY))
+    # An object that is observed turns steadily for about so long [s]: keeps what no image
+    # determines at rest.
+    left = np.exp(-dt / (DECAY if coasting else 5.0))
     return np.repeat([left, left if coasting else 1.0], 3)
 
 

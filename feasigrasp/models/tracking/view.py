@@ -20,11 +20,9 @@ from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.quantities import CLOUD, POINTS, UNKNOWN_POSE
 
-#: Pixels along the side of a cell, in which silhouettes are kept.
+#: Pixels along the side of a cell, in which silhouettes are kept. Source: guessed.
 CELL = 2
-#: Cells round the object that belong to its picture.
-_AROUND = 24
-#: What is so much farther away than a point of the model is behind it [m].
+#: What is so much farther away than a point of the model is behind it [m]. Source: guessed.
 _BEHIND = 0.02
 
 
@@ -139,13 +137,15 @@ class ObjectView(Frozen):
     @cached_property
     def _silhouette(self) -> tuple[tuple[int, int], Indices, Array, Array]:
         """First cell, nearest cell of the object, distance to it [cells], depth known free."""
+        # Cells round the object that belong to its picture.
+        around = 24
         assert self.depth is not None
         u, v = self.camera.pixels(self.points_C)
         h, w = self.camera.height // CELL, self.camera.width // CELL
         column = np.clip(np.floor(u / CELL).astype(int), 0, w - 1)
         row = np.clip(np.floor(v / CELL).astype(int), 0, h - 1)
-        left, top = max(column.min() - _AROUND, 0), max(row.min() - _AROUND, 0)
-        right, bottom = min(column.max() + _AROUND, w - 1), min(row.max() + _AROUND, h - 1)
+        left, top = max(column.min() - around, 0), max(row.min() - around, 0)
+        right, bottom = min(column.max() + around, w - 1), min(row.max() + around, h - 1)
         shape = bottom - top + 1, right - left + 1
         mask = np.zeros(shape, dtype=bool)
         mask[row - top, column - left] = True

@@ -29,8 +29,10 @@ from feasigrasp.systems.monitoring.run_log import add_run_log, read_run_log
 from feasigrasp.systems.remote.remote_stage import end_processes
 
 #: How long to wait for the guard, or the driver's first message, and then for each message [s].
+#: Source: guessed.
 WAIT_FOR_DRIVER, SILENCE = 60.0, 5.0
 #: How long a controller may ask before somebody commands the arm, by the driver's clock [s].
+#: Source: guessed.
 WAIT_FOR_GUARD = 2.0
 
 

@@ -12,7 +12,8 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.runs.metrics.handling import ObjectTruth
 
-#: An object that was pushed farther than this off its path has been pushed away [mm].
+#: An object that was pushed farther than this off its path has been pushed away [mm]. Source:
+#: definition.
 PUSHED_AWAY = 50.0
 
 

@@ -10,11 +10,12 @@ from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.sequence import Phase
 
-#: An object is held that at the end, for this time [s], ...
+#: An object is held that at the end, for this time [s], ... Source: definition.
 HELD_FOR = 2.0
-#: ... was closer than this to where it was in the hand when it was let go [m], [rad].
+#: ... was closer than this to where it was in the hand when it was let go [m], [rad]. Source:
+#: definition.
 HELD_DISTANCE, HELD_ANGLE = 0.01, np.deg2rad(15.0)
-#: The object starts at rest and has caught up with its path after this time [s].
+#: The object starts at rest and has caught up with its path after this time [s]. Source: guessed.
 ON_PATH_AFTER = 0.3
 
 

@@ -11,11 +11,11 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: What a motion exactly at a limit may go beyond it, relative to the limit. Positions of 3 rad are
 #: rounded to 4e-16 rad, their second differences over 5 ms to 1e-10 rad/s^2: a hundred-thousandth
-#: of this.
+#: of this. Source: numerical.
 ROUNDING = 1e-6
 #: The true acceleration is the mean over this time [s]. A joint's controller settles in 30 ms or
 #: more, so the mean loses little of a motion; the contact solver's noise, which changes its sign
-#: from one step of 2.5 ms to the next, has no part in it.
+#: from one step of 2.5 ms to the next, has no part in it. Source: reasoned.
 WINDOW = 0.02
 
 

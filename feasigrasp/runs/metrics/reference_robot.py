@@ -38,12 +38,8 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
 
-#: Largest self-distance that is computed [m].
+#: Largest self-distance that is computed [m]. Source: guessed.
 NEAR = 0.05
-#: Torques are clamped at their limits, so what comes this near has reached them (relative).
-_ROUNDING = 1e-6
-#: Forearm and flange: the one turns in the other's fork, 3.6 cm away for most of the way.
-_FORK = {IIWA_7.link_names[5], IIWA_7.link_names[7]}
 
 
 def self_collision_metrics(reference: ReferenceRobot, Q: Array) -> dict[str, float | None]:
@@ -54,7 +50,8 @@ def self_collision_metrics(reference: ReferenceRobot, Q: Array) -> dict[str, flo
     """
     distances = reference.self_distances(Q, NEAR)
     names = [{reference.names[a], reference.names[b]} for a, b in reference.pairs]
-    checked = distances[:, [pair != _FORK for pair in names]]
+    # Forearm and flange: the one turns in the other's fork, 3.6 cm away for most of the way.
+    checked = distances[:, [pair != {IIWA_7.link_names[5], IIWA_7.link_names[7]} for pair in names]]
     nearest = float(checked.min(initial=np.inf))
     return {
         "self_collision_percent": 100.0 * float(np.mean((distances < 0.0).any(axis=1))),
@@ -77,7 +74,8 @@ def torque_metrics(
     """
     share = np.abs(actuation + reference.gravity_torques(Q)) / IIWA_7.effort_limits
     clamped = np.abs(actuation) / IIWA_7.effort_limits
-    beyond = np.maximum(share, clamped) >= 1.0 - _ROUNDING
+    # Torques are clamped at their limits, so what comes this near has reached them (relative).
+    beyond = np.maximum(share, clamped) >= 1.0 - 1e-6
     return {
         "torque_limit_violation_percent": 100.0 * float(np.mean(beyond.any(axis=1))),
         "torque_peak_percent": 100.0 * float(share.max()),

@@ -22,14 +22,15 @@ from feasigrasp.runs.metrics.motion_limits import JointTicks, limit_metrics
 from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD
 
-#: A grasp is tracked while the hand is closer to it than this [m], [rad].
+#: A grasp is tracked while the hand is closer to it than this [m], [rad]. Source: definition.
 TRACKED_POSITION, TRACKED_ANGLE = 0.015, np.deg2rad(8.0)
-#: The share of time tracked is counted after this time [s]: before, the arm is on its way.
+#: The share of time tracked is counted after this time [s]: before, the arm is on its way. Source:
+#: definition.
 SETTLED_AFTER = 2.0
-#: The hand has settled if it tracks a grasp this long without a break [s].
+#: The hand has settled if it tracks a grasp this long without a break [s]. Source: definition.
 SETTLED_FOR = 0.5
-#: A hand that moves on the object farther than this [m], [rad] has taken another grasp; less is
-#: the same grasp, known better after another view.
+#: A hand that moves on the object farther than this [m], [rad] has taken another grasp; less is the
+#: same grasp, known better after another view. Source: definition.
 SAME_POSITION, SAME_ANGLE = 0.03, np.deg2rad(30.0)
 
 

@@ -32,13 +32,6 @@ from feasigrasp.runs.replay import quiet_meshcat, write_html
 from feasigrasp.systems.monitoring.grasp_visualizer import distance_from_seen
 from feasigrasp.systems.station.meshcat_scene import set_background
 
-#: Points of the first, uneven sample are projected from a grid of this many points per side.
-_GRID = 16
-#: Times that the sample grows by its neighbours.
-_ROUNDS = 5
-#: A point is on the surface if the raw distance is less [m].
-_ON_SURFACE = 5e-4
-
 
 def dense_surface(gpdf: Gpdf, across: int = 90) -> SurfacePoints:
     """Points of the completed surface, evenly spread, with normals and variance.
@@ -52,13 +45,16 @@ def dense_surface(gpdf: Gpdf, across: int = 90) -> SurfacePoints:
         across: Points along the longest side of the measured cloud.
     """
     spacing = float(np.ptp(gpdf.bounds, axis=0).max()) / across
-    grown = gpdf.surface(_GRID)
+    # Points of the first, uneven sample are projected from a grid of this many points per side.
+    grown = gpdf.surface(16)
     points, normals = _one_per_voxel(grown.points, grown.normals, spacing)
-    for _ in range(_ROUNDS):
+    # Times that the sample grows by its neighbours.
+    for _ in range(5):
         tangents = perpendiculars(normals)
         beside = [points + spacing * sign * t for t in tangents for sign in (1.5, -1.5)]
         _, ends, end_normals = gpdf.refine(np.concatenate(beside), steps=4)
-        kept = np.abs(gpdf.distance(ends)) < _ON_SURFACE
+        # A point is on the surface if the raw distance is less [m].
+        kept = np.abs(gpdf.distance(ends)) < 5e-4
         points, normals = _one_per_voxel(
             np.concatenate([points, ends[kept]]),
             np.concatenate([normals, end_normals[kept]]),
@@ -75,6 +71,7 @@ def _one_per_voxel(points: Array, normals: Array, size: float) -> tuple[Array, A
 
 #: Everything is drawn below this Meshcat path; its children can be switched off by hand.
 _ROOT = "/perception"
+#: Colours of grasps and cloud. Source: layout.
 _GRASP_COLOR, _CLOUD_COLOR = Rgba(0.06, 0.65, 0.25), np.array([[40], [50], [65]], dtype=np.uint8)
 
 
@@ -121,9 +118,9 @@ def write_perception_html(perception: Perception, filename: Path) -> None:
 UNCERTAINTY_COLORS = LinearSegmentedColormap.from_list(
     "uncertainty", ["#1f6fe0", "#7d5fd3", "#d6409f", "#ff8a3c", "#ffd23f"]
 )
-#: Distance from the observed surface at which the colours end [m].
+#: Distance from the observed surface at which the colours end [m]. Source: layout.
 MOST_UNCERTAIN = 0.03
-#: Grasps shown.
+#: Grasps shown. Source: layout.
 MAX_SHOWN = 12
 GRASP_COLOR = "#10a040"
 

@@ -13,9 +13,6 @@ from numpy.typing import ArrayLike
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3 import perpendiculars
 
-#: Direction of the light from the viewer's place: from above, on the left.
-_LIGHT = np.array([-0.35, 0.55, 0.76])
-
 
 @dataclass(frozen=True)
 class Viewer:
@@ -87,7 +84,8 @@ def draw_points(
     if normals is not None:
         seen_normals = viewer.project(normals)
         facing = seen_normals[:, 2] > 0.0
-        shade = 0.55 + 0.45 * np.clip(seen_normals @ _LIGHT, 0.0, 1.0)
+        # Direction of the light from the viewer's place: from above, on the left.
+        shade = 0.55 + 0.45 * np.clip(seen_normals @ np.array([-0.35, 0.55, 0.76]), 0.0, 1.0)
         x, rgb = x[facing], (rgb * shade[:, None])[facing]
     seen = viewer.project(x)
     order = np.argsort(seen[:, 2])

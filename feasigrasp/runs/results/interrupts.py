@@ -12,7 +12,7 @@ from typing import Any
 
 from feasigrasp.errors import FeasigraspError
 
-#: Exit status of a command that Ctrl-C ended, as shells have it.
+#: Exit status of a command that Ctrl-C ended, as shells have it. Source: definition: shells.
 STATUS = 130
 
 

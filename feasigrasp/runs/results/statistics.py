@@ -14,10 +14,10 @@ from scipy.stats import norm, rankdata, t
 
 from feasigrasp.models.arrays import Array, Mask
 
+#: Confidence of intervals. Source: definition.
 CONFIDENCE = 0.95
-#: Quantile of the standard normal distribution with that confidence.
+#: Quantile of the standard normal distribution with that confidence. Source: formula.
 _Z = float(norm.ppf(0.5 + 0.5 * CONFIDENCE))
-_RESAMPLES = 500
 
 Item = TypeVar("Item")
 Key = TypeVar("Key", bound=Hashable)
@@ -193,7 +193,8 @@ def resampled(
     value, n = statistic(items), len(items)
     if n < 2:
         return Estimate(value, None, None, n)
-    drawn = [statistic([items[i] for i in rng.integers(0, n, n)]) for _ in range(_RESAMPLES)]
+    # Resamples of the bootstrap. Source: guessed.
+    drawn = [statistic([items[i] for i in rng.integers(0, n, n)]) for _ in range(500)]
     tail = 50.0 * (1.0 - CONFIDENCE)
     low, high = np.nanpercentile(drawn, [tail, 100.0 - tail])
     return Estimate(value, float(low), float(high), n)

@@ -30,11 +30,12 @@ WSG_STATUS, WSG_COMMAND = "SCHUNK_WSG_STATUS", "SCHUNK_WSG_COMMAND"
 #: A motion-capture system's measurements: a floating joint's seven positions, `POSE_NAMES`.
 OBJECT_POSE = "FEASIGRASP_OBJECT_POSE"
 
-#: Time between messages of the arm's driver and of the gripper's [s].
+#: Time between messages of the arm's driver and of the gripper's [s]. Source: definition: rates of
+#: the drivers, 200 and 20 Hz.
 IIWA_PERIOD, WSG_PERIOD = kIiwaLcmStatusPeriod, 0.05
 #: The order in which a pose is sent, that of Drake's floating joints.
 POSE_NAMES = ["qw", "qx", "qy", "qz", "x", "y", "z"]
-#: Labels of a mask: everything else is 0.
+#: Labels of a mask: everything else is 0. Source: layout.
 OBJECT_LABEL, ROBOT_LABEL = 1, 2
 
 

@@ -23,7 +23,7 @@ from feasigrasp.systems.hardware.station import HardwareStation
 from feasigrasp.systems.remote.remote_stage import remote_stages
 
 #: Every message begins with the fingerprint of its type, of 8 bytes; then comes the time stamp
-#: [us], but for images, which have a running number of 4 bytes before it.
+#: [us], but for images, which have a running number of 4 bytes before it. Source: definition: LCM.
 _FINGERPRINT, _NUMBER, _STAMP = 8, 4, struct.Struct(">q")
 
 

@@ -18,7 +18,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.priority import DRIVER, real_time
 
-#: For so long a guard listens whether there is another one [s].
+#: For so long a guard listens whether there is another one [s]. Source: guessed.
 LISTENS = 0.1
 _RIVAL = (
     f"messages on {channels.IIWA_COMMAND}: somebody commands this arm already; with a 'feasigrasp "

@@ -14,7 +14,8 @@ from feasigrasp.models.objects.tracker_config import TrackerConfig, measured_pos
 from feasigrasp.systems.hardware.channels import POSE_NAMES
 from feasigrasp.systems.ports import declare_input, declare_output, weakly
 
-_ROW = 8  # time, then the pose as it is sent
+#: Time, then the pose as it is sent. Source: layout.
+_ROW = 8
 
 
 class ObjectPoseSender(LeafSystem):

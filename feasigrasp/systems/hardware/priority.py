@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 import psutil
 
 #: Priorities of real time, which come before all other work: a controller's, and that of whoever
-#: answers the arm's driver or carries messages.
+#: answers the arm's driver or carries messages. Source: layout.
 CONTROL, DRIVER = 1, 2
 
 

@@ -14,7 +14,7 @@ from pydrake.systems.sensors import ImageLabel16I, ImageRgba8U
 from feasigrasp.models.arrays import Mask
 from feasigrasp.systems.ports import declare_input, weakly
 
-#: Colour that the object's pixels are mixed with, and the share of it.
+#: Colour that the object's pixels are mixed with, and the share of it. Source: layout.
 TINT, TINT_SHARE = np.array([255.0, 140.0, 0.0]), 0.45
 
 

@@ -23,11 +23,13 @@ from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 from feasigrasp.systems.ports import declare_input, weakly
 
-#: Colours of grasps that the controller is given, and of those that were dropped before.
+#: Colours of grasps that the controller is given, and of those that were dropped before. Source:
+#: layout.
 REACHABLE, DROPPED = Rgba(0.10, 0.80, 0.25), Rgba(0.35, 0.35, 0.40, 0.4)
-#: Colours of completed surface that was seen, and that was made up.
+#: Colours of completed surface that was seen, and that was made up. Source: layout.
 SEEN, INVENTED = np.array([0.10, 0.50, 1.0]), np.array([1.0, 0.15, 0.55])
-#: Radius of the discs that show the completed surface, and how far outside it they lie [m].
+#: Radius of the discs that show the completed surface, and how far outside it they lie [m]. Source:
+#: layout.
 DISC_RADIUS, DISC_LIFT = 0.0045, 0.001
 #: Meshcat path of what is perceived; its frame is the object frame O.
 PATH = "/drake/perceived"

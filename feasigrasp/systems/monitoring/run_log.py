@@ -32,6 +32,7 @@ FIELDS: dict[str, tuple[int, ...]] = {
     "phase": (1,),
     "X_OG": (4, 4),
 }
+#: An unknown pose. Source: layout.
 _NO_POSE = np.full((4, 4), np.nan)
 
 

@@ -29,7 +29,7 @@ from feasigrasp.models.shape.scene_field import SceneField
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional
 
-#: Time between looks at the situation [s].
+#: Time between looks at the situation [s]. Source: guessed.
 PERIOD = 0.1
 #: So long it takes until it is said [s]: an arm that starts or turns round stands still, too, and
 #: an object that moves comes back into reach. All else takes one look, since stages that follow
@@ -42,12 +42,11 @@ LASTS = {
     StatusCode.BLOCKED_BY_TABLE: 2.0,
 }
 #: Time between two entries of a hand that goes on following [s]: a few lines in a run of 30 s.
+#: Source: reasoned.
 AGAIN = 3.0
-#: Time between two counts of rejected grasps [s]: 30 entries in a run of 30 s.
+#: Time between two counts of rejected grasps [s]: 30 entries in a run of 30 s. Source: guessed.
 COUNTED = 1.0
-#: What a tracker that says nothing of its pose is taken to mean.
-_AS_REPORTED = Tracking(TrackingState.TRACKING, 0.0)
-#: No error, or an unknown one [m], [rad].
+#: No error, or an unknown one [m], [rad]. Source: layout.
 _NONE = 0.0, 0.0
 #: Verdicts that are no reason why nothing can be reached: of what is, or has not been judged.
 _FINE = (Verdict.KEPT, Verdict.REACHABLE, Verdict.BETTER)
@@ -232,7 +231,11 @@ class StatusMonitor(LeafSystem):
         for reason in (Rejection.HITS_SCENE, Rejection.UNOBSERVED, Rejection.TOO_HEAVY):
             verdicts[str(reason)] += reachable.rejected.get(reason, 0)
         judged = {reason: n for reason, n in verdicts.items() if reason not in _FINE}
-        phase, tracking = Phase(int(self._phase.Eval(context)[0])), _AS_REPORTED
+        # What a tracker that says nothing of its pose is taken to mean.
+        phase, tracking = (
+            Phase(int(self._phase.Eval(context)[0])),
+            Tracking(TrackingState.TRACKING, 0.0),
+        )
         if self._tracking.HasValue(context):
             tracking = self._tracking.Eval(context)
         X_OH = self._hand(context)

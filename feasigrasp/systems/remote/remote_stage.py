@@ -17,6 +17,7 @@ from feasigrasp.systems.remote.served import Served, inputs_of, is_vector, outpu
 from feasigrasp.systems.remote.worker import Worker
 
 #: What has been posted for so long without an answer is given up: perception has lapsed [s].
+#: Source: guessed.
 DEADLINE = 2.0
 
 

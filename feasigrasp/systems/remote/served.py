@@ -16,8 +16,6 @@ from feasigrasp.systems.remote.packing import packed, unpacked
 
 #: What is said when the stage is built and compiled.
 READY = b"ready"
-#: What is remembered is handed over, for whoever takes its place, no more often than this [s].
-HANDED_OVER = 0.5
 
 
 def main(descriptor: int) -> None:
@@ -39,7 +37,9 @@ def _serve(connection: Connection) -> None:
         while True:
             time, inputs = unpacked(connection.recv_bytes())
             new, state = served.looked(time, inputs), None
-            if new and time >= handed_over + HANDED_OVER:
+            # What is remembered is handed over, for whoever takes its place, no more often than
+            # this [s].
+            if new and time >= handed_over + 0.5:
                 handed_over, state = time, served.state()
             connection.send_bytes(packed((new, state)))
 

@@ -17,7 +17,8 @@ from pydrake.systems.framework import System
 from feasigrasp.errors import WorkerError
 from feasigrasp.systems.remote.packing import packed, unpacked
 
-#: A worker that takes longer hangs: to start and compile, and for one piece of work [s].
+#: A worker that takes longer hangs: to start and compile, and for one piece of work [s]. Source:
+#: guessed.
 START_PATIENCE, PATIENCE = 300.0, 10.0
 #: Distinguishes a worker from other processes, in a list of what they run.
 SERVING = "feasigrasp.systems.remote.served"

@@ -26,9 +26,6 @@ from feasigrasp.models.clouds.edges import (
 from feasigrasp.models.quantities import Positive, Whole
 from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
 
-#: Labels of pixels that show nothing that is known: that of the world, and none.
-_UNKNOWN = (0, int(RenderLabel.kEmpty))
-
 
 class SegmentPointCloud(LeafSystem):
     """The part of a depth camera's point cloud that shows one body.
@@ -110,7 +107,8 @@ class SegmentPointCloud(LeafSystem):
         if self._edge_jump is None:
             keep = of_body & seen
         else:
-            unknown = np.isin(labels[around], _UNKNOWN)
+            # Labels of pixels that show nothing that is known: that of the world, and none.
+            unknown = np.isin(labels[around], (0, int(RenderLabel.kEmpty)))
             of_body = grown_mask(points, of_body, unknown, self._edge_jump)
             keep = of_body & seen & ~edge_pixels(points, seen, of_body, self._edge_jump)
         if self._camera is None:

@@ -32,8 +32,6 @@ from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, evaluate, weakly
 
 _Kind = TypeVar("_Kind", bound=Fault)
-#: Label of a pixel that is no longer taken for the object: that of the world.
-_OTHER = 0
 
 
 class FaultySignal(LeafSystem):
@@ -108,7 +106,8 @@ def faulty_mask(fault: MaskFault, label: int) -> FaultySignal:
         labels = image.data[:, :, 0]
         of_object = labels == label
         faulty = ImageLabel16I(image.width(), image.height())
-        others = np.where(of_object, _OTHER, labels)
+        # Label of a pixel that is no longer taken for the object: that of the world.
+        others = np.where(of_object, 0, labels)
         faulty.mutable_data[:, :, 0] = np.where(fault.mask(of_object), label, others)
         return faulty
 

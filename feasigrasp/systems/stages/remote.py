@@ -44,7 +44,8 @@ class RemoteCell(Protocol):
 
 #: Inputs that each camera has its own of.
 _OF_A_CAMERA = ("point_cloud", "camera_pose", "position", "color_image")
-#: After this time a plan or a tracked pose is there, where the cell is simulated [s].
+#: After this time a plan or a tracked pose is there, where the cell is simulated [s]. Source:
+#: guessed.
 PROMPT_LATENCY = 0.02
 
 

@@ -17,10 +17,10 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7, Arm
 
-#: A frame that is off by less is the same; rounded angles of a model file are [m], [rad].
+#: A frame that is off by less is the same; rounded angles of a model file are [m], [rad]. Source:
+#: guessed.
 POSITION_TOLERANCE, ANGLE_TOLERANCE = 2e-4, 1e-3
-#: A limit may be rounded by this share.
-LIMIT_TOLERANCE = 1e-3
+#: The identity. Source: definition.
 _NONE = np.eye(4)
 FINGER_JOINTS = ("left_finger_joint", "right_finger_joint")
 
@@ -117,11 +117,13 @@ def _compare(frame: Frame, context: Context, X_WE: Array, mend: str) -> None:
 
 
 def _check_limits(plant: MultibodyPlant, instance: ModelInstanceIndex, arm: Arm) -> None:
+    # A limit may be rounded by this share. Source: guessed.
+    limit_tolerance = 1e-3
     for i, name in enumerate(arm.joint_names):
         joint = plant.GetJointByName(name, instance)
         ours = arm.position_limits[i]
         for theirs in (-joint.position_lower_limits()[0], joint.position_upper_limits()[0]):
-            if np.isfinite(theirs) and abs(theirs - ours) > LIMIT_TOLERANCE * ours:
+            if np.isfinite(theirs) and abs(theirs - ours) > limit_tolerance * ours:
                 raise ScenarioError(
                     f"{name} of the cell turns {np.rad2deg(theirs):.2f} degrees at most, "
                     f"{np.rad2deg(ours):.2f} are expected; {_LINK_MEND}"
@@ -137,7 +139,7 @@ def _check_limits(plant: MultibodyPlant, instance: ModelInstanceIndex, arm: Arm)
             ),
             ("effort", "Nm", actuator.effort_limit(), arm.effort_limits[i]),
         ):
-            if theirs < (1.0 - LIMIT_TOLERANCE) * ours:
+            if theirs < (1.0 - limit_tolerance) * ours:
                 raise ScenarioError(
                     f"{name} of the cell has a {what} limit of {theirs:.4g} {unit}, motions are "
                     f"planned with {ours:.4g}; lower it in feasigrasp/models/robot/iiwa.py, or "

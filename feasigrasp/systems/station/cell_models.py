@@ -40,9 +40,11 @@ from feasigrasp.scenario.schema import ObjectConfig
 #: are 1500 /s times a joint's largest inertia, 600 /s at the wrist, whose torques would come near
 #: their limits: the arm follows a commanded velocity within 2 ms, like the drives of a real one,
 #: and its acceleration exceeds the commanded one by no more than `Arm.acceleration_share` leaves.
+#: Source: reasoned.
 ARM_KP = np.array([6000.0, 6000.0, 3000.0, 3000.0, 800.0, 500.0, 300.0])
 ARM_KD = np.array([9500.0, 13400.0, 6200.0, 4100.0, 860.0, 860.0, 830.0])
 #: The gripper's position controller [N/m]: saturates at the finger's effort limit when squeezing.
+#: Source: guessed.
 FINGER_KP, FINGER_KD = 3000.0, 60.0
 
 

@@ -9,7 +9,8 @@ from feasigrasp.systems.station.station import Station
 
 #: Meshcat path of everything that the station shows.
 PREFIX = "/drake/illustration"
-#: Where the camera stands and what it looks at, in the world frame [m], and its zoom.
+#: Where the camera stands and what it looks at, in the world frame [m], and its zoom. Source:
+#: layout.
 CAMERA, TARGET, ZOOM = (1.75, -1.85, 1.15), (0.36, 0.0, 0.49), 3.1
 #: Brightness of the lights; Meshcat's own wash out a white arm and leave shaded sides black.
 LIGHTS = {

@@ -20,10 +20,6 @@ from feasigrasp.models.objects.spring_drive import (
 )
 from feasigrasp.systems.ports import declare_output, weakly
 
-#: A carrier that feels the load lets go once it has borne less than this share of the weight for
-#: this time [s]: half of it says that the other one bears more, and bumps are shorter.
-LOAD_SHARE, LOAD_TIME = 0.5, 0.1
-
 
 class ObjectServo(LeafSystem):
     """A damped spatial spring between a free body and its reference motion, and its release.
@@ -83,6 +79,10 @@ class ObjectServo(LeafSystem):
         self.DeclareVectorOutputPort("let_go", 1, weakly(self._calc_let_go), {ticket})
 
     def _release(self, context: Context, discrete) -> EventStatus:
+        # A carrier that feels the load lets go once it has borne less than this share of the weight
+        # for this time [s]: half of it says that the other one bears more, and bumps are shorter.
+        # Source: guessed.
+        load_share, load_time = 0.5, 0.1
         let_go, light_since = context.get_discrete_state_vector().value()
         if np.isfinite(let_go) or self._hold.Eval(context)[0] > 0.5:
             return EventStatus.DidNothing()
@@ -92,8 +92,8 @@ class ObjectServo(LeafSystem):
         else:
             weight = self._load.mass * self._load.gravity
             borne = -float(self._wrench(context)[3:] @ weight) / max(float(weight @ weight), 1e-12)
-            light_since = min(light_since, time) if borne < LOAD_SHARE else np.inf
-            let_go = time if time - light_since >= LOAD_TIME else np.inf
+            light_since = min(light_since, time) if borne < load_share else np.inf
+            let_go = time if time - light_since >= load_time else np.inf
         discrete.set_value([let_go, light_since])
         return EventStatus.Succeeded()
 

@@ -10,9 +10,10 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.systems.ports import declare_input, declare_output, weakly
 
-#: How far back a pose is remembered [s].
+#: How far back a pose is remembered [s]. Source: guessed.
 REMEMBERED = 0.5
-_ROW = 13  # time, then the upper three rows of a pose
+#: Time, then the upper three rows of a pose. Source: layout.
+_ROW = 13
 
 
 class PoseAt(LeafSystem):

@@ -26,7 +26,8 @@ from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
 
-#: Images of two cameras that are no farther apart than this count as taken at once [s].
+#: Images of two cameras that are no farther apart than this count as taken at once [s]. Source:
+#: guessed.
 _AT_ONCE = 0.02
 
 

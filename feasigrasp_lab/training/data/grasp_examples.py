@@ -33,11 +33,10 @@ from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused,
 
 Example = dict[str, Any]
 
-#: Points of an input.
+#: Points of an input. Source: layout: input of the network.
 POINTS = 512
-#: Share of the inputs that are true surfaces; of the others, shares with 1, 2 and 3 views.
-TRUE_SHARE, VIEW_SHARES = 0.2, (0.5, 0.2, 0.3)
 #: Standard deviation of the tracked pose in every other fusion of several views: [m] and [rad].
+#: Source: guessed.
 TRACKING = (0.002, float(np.deg2rad(1.0)))
 #: How labels are stored.
 _STORED = {
@@ -124,11 +123,13 @@ def object_examples(
         inputs: Number of examples; fewer if it cannot be seen.
         rng: Draws everything.
     """
+    # Share of the inputs that are true surfaces; of the others, shares with 1, 2 and 3 views.
+    true_share, view_shares = 0.2, (0.5, 0.2, 0.3)
     viewed, truth = ViewedObject(obj), TrueGrasps(obj.mesh)
     examples = []
     for _ in range(inputs):
-        true = rng.random() < TRUE_SHARE
-        n_views = 0 if true else 1 + int(rng.choice(3, p=VIEW_SHARES))
+        true = rng.random() < true_share
+        n_views = 0 if true else 1 + int(rng.choice(3, p=view_shares))
         made = true_input(truth, rng) if true else completed_input(viewed, n_views, rng)
         if made is None:
             continue

@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.compiled import compiled
 
-#: Cells of a turn table [m]: a turn's collision is decided at the middle of a cell.
+#: Cells of a turn table [m]: a turn's collision is decided at the middle of a cell. Source:
+#: guessed.
 CELL = 1e-3
 
 

@@ -22,16 +22,12 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp_lab.training.data.grasp_label_kernels import blocked_turns, turn_table
 from feasigrasp_lab.training.data.grasp_truth import CONE_DEG, TrueGrasps, hand_boxes
 
-#: Directions in which the hand is turned about a closing line.
+#: Directions in which the hand is turned about a closing line. Source: guessed.
 N_TURNS = 36
-#: Approach directions that a label holds.
+#: Approach directions that a label holds. Source: layout: output of the network.
 N_APPROACHES = 16
-#: Widths up to the opening less this [m].
+#: Widths up to the opening less this [m]. Source: guessed.
 SLACK = 0.004
-#: Angles off the normal of the lines that are tried [deg], and how many round each.
-_RINGS = ((7.0, 6), (14.0, 8))
-_SURFACE = 1e-5
-_SAME_CONTACT = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,11 +226,15 @@ def _antipodal_lines(
     Returns:
         Index of the point, middle between the contacts, direction, width, cosine.
     """
+    # Rays start this far before a surface [m]; faces closer than this are one contact [m]. Source:
+    # numerical.
+    surface = 1e-5
+    same_contact = 5e-4
     opening, limit = gripper.max_opening, np.cos(np.deg2rad(CONE_DEG))
     normal = outward[index]
     lines = _cone_directions(-normal, rng)
     # The bisector of both normals is the direction that suits both faces best.
-    length, far = truth.cast(at[index] - _SURFACE * normal, -normal)
+    length, far = truth.cast(at[index] - surface * normal, -normal)
     bisector = np.where(np.isfinite(length)[:, None], far - normal, -normal)
     bisector /= np.maximum(np.linalg.norm(bisector, axis=1, keepdims=True), 1e-9)
     lines = np.concatenate([lines, bisector[:, None]], axis=1)
@@ -244,23 +244,23 @@ def _antipodal_lines(
     b, which = b[steep], which[steep]
     start = at[which]
 
-    through, _ = truth.cast(start - _SURFACE * outward[which], b)
+    through, _ = truth.cast(start - surface * outward[which], b)
     back, _ = truth.cast(start + opening * b, -b)
     outermost = opening - back
     # Nothing, or a face seen from inside: the object goes on beyond the opening.
-    several = np.isfinite(outermost) & (outermost > through + _SAME_CONTACT)
+    several = np.isfinite(outermost) & (outermost > through + same_contact)
     widths = [through, outermost[several]]
     width = np.concatenate(widths)
     b, which = np.concatenate([b, b[several]]), np.concatenate([which, which[several]])
-    usable = np.isfinite(width) & (width <= opening - SLACK) & (width > _SAME_CONTACT)
+    usable = np.isfinite(width) & (width <= opening - SLACK) & (width > same_contact)
     b, which, width = b[usable], which[usable], width[usable]
 
     center = at[which] + 0.5 * width[:, None] * b
     closed = truth.close_lines(center, b, opening)
     good = closed.cosine >= limit
     # The pads must meet the faces that this pair is made of, and no others on the way.
-    good &= np.linalg.norm(closed.first - at[which], axis=1) < _SAME_CONTACT
-    good &= np.abs(closed.width - width) < _SAME_CONTACT
+    good &= np.linalg.norm(closed.first - at[which], axis=1) < same_contact
+    good &= np.abs(closed.width - width) < same_contact
     return which[good], center[good], b[good], width[good], closed.cosine[good]
 
 
@@ -268,7 +268,9 @@ def _cone_directions(axis: Array, rng: np.random.Generator) -> Array:
     """Directions on rings round unit vectors (n, 3) and these themselves, (n, k, 3)."""
     u, v = perpendiculars(axis)
     directions = [axis[:, None]]
-    for angle_deg, count in _RINGS:
+    # Angles off the normal of the lines that are tried [deg], and how many round each. Source:
+    # guessed.
+    for angle_deg, count in ((7.0, 6), (14.0, 8)):
         turn = rng.uniform(0.0, 2 * np.pi, (len(axis), 1)) + 2 * np.pi * np.arange(count) / count
         side = np.cos(turn)[..., None] * u[:, None] + np.sin(turn)[..., None] * v[:, None]
         angle = np.deg2rad(angle_deg)

@@ -19,9 +19,10 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp_lab.training.data.grasp_label_kernels import collides
 from feasigrasp_lab.training.data.raycasting import Raycaster
 
-#: Half angle of the friction cone at either contact [deg].
+#: Half angle of the friction cone at either contact [deg]. Source: guessed.
 CONE_DEG = 20.0
 #: Distance of the surface samples that the hand is tested against [m]; most samples of one mesh.
+#: Source: guessed.
 SAMPLE_SPACING, MAX_SAMPLES = 0.0025, 20_000
 
 

@@ -15,10 +15,11 @@ from feasigrasp_lab.training.data.household_shapes import HELD_OUT, make_shape
 GENERATED = "held-out"
 #: Default of ``--objects``; the folder is left out where it is missing.
 DEFAULT_OBJECTS = f"{GENERATED},../shared/data/ycb"
-#: Seeds from here on are used by no training; its validation takes those from 0 on.
+#: Seeds from here on are used by no training; its validation takes those from 0 on. Source:
+#: definition.
 FIRST_SEED = 10_000_000
 #: Seeds from here on are used by nothing but `write_test_objects`; `feasigrasp fit certainty` takes
-#: some between the two.
+#: some between the two. Source: definition.
 FIRST_TEST_SEED = 30_000_000
 
 

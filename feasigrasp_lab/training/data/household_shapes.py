@@ -26,13 +26,13 @@ TRAINED = (
 )
 #: Families that are never trained on.
 HELD_OUT = ("superquadric", "mug", "tool")
-#: One shape of the stream in so many is of such a family.
+#: One shape of the stream in so many is of such a family. Source: guessed.
 HELD_OUT_EVERY = 8
 FAMILIES: dict[str, Maker] = {name: getattr(families, name) for name in (*TRAINED, *HELD_OUT)}
 
 #: Densities of solids and lightly filled things [kg/m^3], and masses that a hand can hold [kg].
+#: Source: guessed.
 _DENSITY, _MASS = (150.0, 900.0), (0.02, 0.6)
-_FACES = 4000
 
 
 def make_shape(family: str, seed: int) -> RigidObject:
@@ -76,7 +76,8 @@ def shape_of(index: int, seed: int = 0) -> tuple[str, int]:
 def _mesh(body: Manifold) -> trimesh.Trimesh:
     """The largest piece of a solid as a mesh, its slivers removed."""
     tolerance = 2e-5
-    while body.num_tri() > _FACES and tolerance < 1e-3:
+    # Faces of a shape, at most. Source: guessed.
+    while body.num_tri() > 4000 and tolerance < 1e-3:
         body = body.simplify(tolerance)
         tolerance *= 2.0
     pieces = body.decompose()

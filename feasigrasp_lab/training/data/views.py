@@ -18,15 +18,16 @@ from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp_lab.training.data.raycasting import Raycaster
 
 #: The depth stream of the scenarios' camera: a RealSense D435 in its 424 x 240 mode, 87 x 58 deg.
+#: Source: data sheet: D435.
 WIDTH, HEIGHT = 424, 240
-#: Its intrinsics fx, fy, cx, cy [px].
+#: Its intrinsics fx, fy, cx, cy [px]. Source: formula.
 CAMERA = (
     WIDTH / 2 / np.tan(np.deg2rad(87.0) / 2),
     HEIGHT / 2 / np.tan(np.deg2rad(58.0) / 2),
     WIDTH / 2 - 0.5,
     HEIGHT / 2 - 0.5,
 )
-#: Distance from the camera to the object's centre, lowest and highest [m].
+#: Distance from the camera to the object's centre, lowest and highest [m]. Source: guessed.
 DISTANCE = (0.45, 0.55)
 
 

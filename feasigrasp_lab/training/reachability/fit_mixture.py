@@ -26,10 +26,6 @@ from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.float32_kernels import pack
 from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks, moments_of_blocks
 
-#: Poses that k-means++ looks at.
-_SEEDING_POSES = 30_000
-_SEEDING_CANDIDATES = 4
-
 
 class Moments(NamedTuple):
     """What one EM pass yields.
@@ -183,8 +179,11 @@ def _seeded(
     poses: PoseBlocks, n_components: int, rng: np.random.Generator, settings: LargeFit
 ) -> RiemannianMixture:
     """Equal components at k-means++ seeds, as wide as the poses are far from them."""
-    q, p = poses.draw(rng, _SEEDING_POSES)
-    draws = rng.random((n_components, _SEEDING_CANDIDATES))
+    # Poses that k-means++ looks at.
+    seeding_poses = 30_000
+    seeding_candidates = 4
+    q, p = poses.draw(rng, seeding_poses)
+    draws = rng.random((n_components, seeding_candidates))
     seeds, spread = seed_means(q, p, np.ones(q.shape[1]), settings.length_scale, draws)
     scale = np.array([1.0] * 3 + [settings.length_scale] * 3)
     covariance = np.diag((spread * scale) ** 2 + settings.floor**2)

@@ -20,6 +20,7 @@ from feasigrasp_lab.paper.float32_kernels import (
     tangents_kernel,
 )
 
+#: Numbers of single precision. Source: layout.
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 

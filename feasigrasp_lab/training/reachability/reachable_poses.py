@@ -31,10 +31,10 @@ from feasigrasp.models.robot.kinematics import forward_kinematics, manipulabilit
 from feasigrasp_lab.arm.self_collision import in_collision
 from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
 
-#: Height in the base frame below which poses of the fitted frame are dropped [m].
+#: Height in the base frame below which poses of the fitted frame are dropped [m]. Source: guessed.
 FLOOR = 0.1
-_PILOT = 10_000
-#: Configurations of a part on disk; each part has its own stream of random numbers.
+#: Configurations of a part on disk; each part has its own stream of random numbers. Source:
+#: numerical.
 PART = 250_000
 
 
@@ -78,7 +78,8 @@ class ReachedPoses(NamedTuple):
 def manipulability_reference(arm: IiwaArm) -> float:
     """The manipulability from which on no draw is thinned out: exceeded by 1 draw in 10."""
     rng = np.random.default_rng(0)
-    q = rng.uniform(arm.lower, arm.upper, (_PILOT, len(arm.lower)))
+    # Configurations that the quantile is taken of. Source: guessed.
+    q = rng.uniform(arm.lower, arm.upper, (10_000, len(arm.lower)))
     return float(np.quantile(arm.manipulability(q), 0.9))
 
 

@@ -7,9 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 DRAKE = "http://drake.mit.edu"
-# Of all surfaces: they make contact patches instead of points, so a held object does not creep.
-MODULUS = 1e7
-DISSIPATION = 20.0
 ET.register_namespace("drake", DRAKE)
 
 
@@ -111,12 +108,15 @@ def proximity(
     A shape that is not would touch the convex hull of a rigid object, not its surface. ``friction``
     is static and dynamic; ``resolution`` is how finely a round shape is meshed [m].
     """
+    # Of all surfaces: they make contact patches instead of points, so a held object does not creep.
+    modulus = 1e7
+    dissipation = 20.0
     element = ET.SubElement(collision, drake_tag("proximity_properties"))
     ET.SubElement(element, drake_tag("compliant_hydroelastic"))
-    ET.SubElement(element, drake_tag("hydroelastic_modulus"), value=number(MODULUS))
+    ET.SubElement(element, drake_tag("hydroelastic_modulus"), value=number(modulus))
     if resolution is not None:
         ET.SubElement(element, drake_tag("mesh_resolution_hint"), value=number(resolution))
-    ET.SubElement(element, drake_tag("hunt_crossley_dissipation"), value=number(DISSIPATION))
+    ET.SubElement(element, drake_tag("hunt_crossley_dissipation"), value=number(dissipation))
     ET.SubElement(element, drake_tag("mu_static"), value=number(friction))
     ET.SubElement(element, drake_tag("mu_dynamic"), value=number(friction))
 

@@ -27,13 +27,11 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Largest number of rows of an object. A hand that opens round it has hundreds of points inside
 #: their clearance, most of them beside each other: the QP would take several ticks for them.
+#: Source: reasoned.
 MOST_OBJECT_ROWS = 64
-#: Share of the speed of approach that is left in the reserve. Were nothing left, or had the hand to
-#: leave it, fingers on both sides of an object could get stuck.
-_SLOW_APPROACH = 0.2
-#: No point of the arm is farther from a joint's axis [m]; a bound on how a joint moves it.
+#: No point of the arm is farther from a joint's axis [m]; a bound on how a joint moves it. Source:
+#: reasoned: beyond the reach of arm and hand.
 _LEVER = 1.5
-_UP = (0.0, 0.0, 1.0)
 
 
 class Body(NamedTuple):
@@ -168,7 +166,8 @@ def rows_kernel(arm, options, body, grid, frame, rows, bounds):
             distance = placed[c, e, 2] - radius[c] - options.table_height
             if distance > far:
                 continue
-            add_lever(end_point(placed, c, e), _UP, 0, link[c], R, p, rows[m])
+            # Direction up in W. Source: definition.
+            add_lever(end_point(placed, c, e), (0.0, 0.0, 1.0), 0, link[c], R, p, rows[m])
             m = _keep(rows, bounds, m, -gain * (distance - options.table_clearance), lower, upper)
     if grid.size == 0:
         return m
@@ -226,7 +225,9 @@ def object_rows_kernel(arm, options, guarded, obstacles, most, rows, bounds):
         if radius == 0.0:
             left = distance - options.object_clearance
             # Within the clearance, left < 0, there is no reserve any more.
-            left = max(left - extra_clearance, min(left, _SLOW_APPROACH * left))
+            # Share of the speed of approach that is left in the reserve. Were nothing left, or had
+            # the hand to leave it, fingers on both sides of an object could get stuck.
+            left = max(left - extra_clearance, min(left, 0.2 * left))
             allowed = min(options.object_gain * left, options.slow + options.approach_gain * left)
         else:
             allowed = options.approach_gain * (distance - radius - options.obstacle_clearance)
@@ -249,24 +250,21 @@ def object_rows_kernel(arm, options, guarded, obstacles, most, rows, bounds):
     return m
 
 
-_UNBOUNDED = 1e30
-#: Requests are cut to this, far beyond what the arm can do, so that no square overflows.
-_LARGEST_REQUEST = 1e3
-
-
 @compiled
 def _write_request(qd_preferred, J, V, rotation_weight, damping, H, f):
     """Writes the quadratic objective, H (7, 7) and f (7,); false if the request is not finite."""
+    # Requests are cut to this, far beyond what the arm can do, so that no square overflows.
+    largest_request = 1e3
     H[:] = 0.0
     weight = damping if len(V) > 0 else 1.0
     for i in range(IIWA_7.joints):
-        wish = min(max(qd_preferred[i], -_LARGEST_REQUEST), _LARGEST_REQUEST)
+        wish = min(max(qd_preferred[i], -largest_request), largest_request)
         H[i, i] = weight
         f[i] = -weight * wish
     total = 0.0
     for r in range(len(V)):
         square = rotation_weight**2 if r < 3 else 1.0
-        wish = min(max(V[r], -_LARGEST_REQUEST), _LARGEST_REQUEST)
+        wish = min(max(V[r], -largest_request), largest_request)
         total += V[r]
         for i in range(IIWA_7.joints):
             scaled = square * J[r, i]
@@ -313,7 +311,7 @@ def problem_kernel(request, options, body, obstacles, matrix, vector):
     total = m + object_rows_kernel(
         arm, settings, body.guarded, obstacles, MOST_OBJECT_ROWS, rows, bounds
     )
-    upper[7 : 7 + total] = _UNBOUNDED
+    upper[7 : 7 + total] = 1e30
     if not _write_request(
         qd_preferred, J, V, settings.rotation_weight, settings.damping, matrix[: IIWA_7.joints], f
     ):

@@ -57,8 +57,9 @@ from feasigrasp.models.robot.capsules import arm_balls, capsule_model, hand_poin
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-_SOFT = 8  # DAQP's flag of a constraint that may be violated with a penalty
+#: No rows, grid and object. Source: layout.
 _NONE, _NO_ROWS = np.empty(0), np.empty((0, IIWA_7.joints))
+#: No grid, and no object. Source: layout.
 _NO_GRID = ObstacleGrid(np.empty((0, 0, 0), dtype=np.float32), np.zeros(5))
 _NO_OBJECT = MovingObject(_NO_GRID, np.eye(4), np.zeros(6))
 
@@ -170,7 +171,8 @@ class SafetyFilter(Frozen):
         arrays = record(self.options), Body(*made)
         object.__setattr__(self, "_arrays", arrays)
         most = 8 + len(model.pairs) + 2 * len(model.movers) + len(balls.link) + len(guarded)
-        hard, soft = np.zeros(most, dtype=np.intc), np.full(most, _SOFT, dtype=np.intc)
+        # DAQP's flag of a constraint that may be violated with a penalty. Source: definition: DAQP.
+        hard, soft = np.zeros(most, dtype=np.intc), np.full(most, 8, dtype=np.intc)
         soft[: IIWA_7.joints] = 0
         object.__setattr__(self, "_senses", (hard, soft))
         self.velocity(

@@ -18,25 +18,18 @@ from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.network.surroundings import hand_room, neighbourhoods
 from feasigrasp.models.robot.gripper import ParallelGripper
 
-#: Lengths enter the network in this unit [m].
+#: Lengths enter the network in this unit [m]. Source: layout: input of the network.
 LENGTH_SCALE = 0.05
-#: Room for the hand enters in this unit [m].
+#: Room for the hand enters in this unit [m]. Source: layout: input of the network.
 ROOM_SCALE = 0.01
-#: Approach directions that are looked at round a contact.
+#: Approach directions that are looked at round a contact. Source: layout: input of the network.
 DIRECTIONS = 16
-#: Channels of `ContactFeatures.vectors` and `ContactFeatures.numbers`.
+#: Channels of `ContactFeatures.vectors` and `ContactFeatures.numbers`. Source: layout: input of the
+#: network.
 VECTORS, NUMBERS = 13, 20
-#: Points of the object that stand for it when the room for the hand is measured.
-_CLOUD = 128
-#: Surface is half as sure when it is expected to be this far off [m].
+#: Surface is half as sure when it is expected to be this far off [m]. Source: layout: input of the
+#: network.
 _DEVIATION_SCALE = 0.004
-#: Radii of the neighbourhoods of a contact, the last one among the points that stand for the
-#: object, and of the contact opposite [m].
-_NEAR_RADII, _WIDE_RADIUS, _FAR_RADIUS = (0.012, 0.024), 0.048, 0.02
-#: Points that neighbourhoods are counted as if there were.
-_COUNT = 512
-#: The contact opposite is looked for here where no chord is known [m].
-_UNKNOWN_WIDTH = 0.06
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +72,11 @@ def contact_features(
     Raises:
         GraspError: Without points, or if a normal is not of unit length.
     """
+    # Radii of the neighbourhoods of a contact, the last one among the points that stand for the
+    # object, and of the contact opposite [m].
+    near_radii, wide_radius, far_radius = (0.012, 0.024), 0.048, 0.02
+    # Points that neighbourhoods are counted as if there were.
+    count = 512
     points = np.asarray(points)
     kind = points.dtype if points.dtype == np.float32 else np.dtype(np.float64)
     points, normals, scalars = (
@@ -91,7 +89,8 @@ def contact_features(
     centred = points - points.mean(0)
     axes, across = -normals, np.empty_like(normals)
     confidence = kind.type(_DEVIATION_SCALE) / (scalars[:, 0] + kind.type(_DEVIATION_SCALE))
-    chosen = farthest_points(centred.astype(float), min(_CLOUD, len(centred)))
+    # Points of the object that stand for it when the room for the hand is measured.
+    chosen = farthest_points(centred.astype(float), min(128, len(centred)))
     cloud = (centred[chosen], normals[chosen], confidence[chosen])
     _reference_directions(centred, axes, across)
     chord = scalars[:, 1].copy()
@@ -99,17 +98,18 @@ def contact_features(
     vectors = np.empty((3, VECTORS, len(points)), dtype=kind)
     numbers = np.empty((NUMBERS, len(points)), dtype=kind)
     around = (
-        neighbourhoods(centred, normals, centred, normals, confidence, _NEAR_RADII),
-        neighbourhoods(centred, normals, *cloud, (_WIDE_RADIUS,)),
-        neighbourhoods(ends, facing, centred, normals, confidence, (_FAR_RADIUS,)),
+        neighbourhoods(centred, normals, centred, normals, confidence, near_radii),
+        neighbourhoods(centred, normals, *cloud, (wide_radius,)),
+        neighbourhoods(ends, facing, centred, normals, confidence, (far_radius,)),
     )
-    counts = kind.type(_COUNT / len(centred)), kind.type(_COUNT / len(chosen))
+    counts = kind.type(count / len(centred)), kind.type(count / len(chosen))
     _assemble(centred, normals, scalars, confidence, around, counts, vectors, numbers)
+    # The contact opposite is looked for here where no chord is known [m].
     room = hand_room(
         centred,
         axes,
         across,
-        np.where(chord > 0.0, chord, kind.type(_UNKNOWN_WIDTH)),
+        np.where(chord > 0.0, chord, kind.type(0.06)),
         cloud[0],
         cloud[2],
         gripper or ParallelGripper(),

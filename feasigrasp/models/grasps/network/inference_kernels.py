@@ -14,12 +14,13 @@ from feasigrasp.models.grasps.network.contact_features import LENGTH_SCALE
 from feasigrasp.models.grasps.network.surroundings import ROOM
 from feasigrasp.models.numerics.fast_math import wide_vectors
 
-#: Widths that a grasp may have, and the narrowest one [m].
+#: Widths that a grasp may have, and the narrowest one [m]. Source: layout: output of the network.
 WIDTHS, NARROWEST = 2, 1e-3
 #: Contacts that go through the network together; with a power of two, rows of the matrices would
-#: crowd into the same sets of the cache, and products take twice as long.
+#: crowd into the same sets of the cache, and products take twice as long. Source: numerical.
 _TILE = 52
-#: Squared lengths up to this are zero, as in `feasigrasp_lab.networks.vector_neurons`.
+#: Squared lengths up to this are zero, as in `feasigrasp_lab.networks.vector_neurons`. Source:
+#: numerical.
 _NOTHING = 1.2e-38
 
 

@@ -22,17 +22,14 @@ from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation, unit_normals
 from feasigrasp.models.shape.gpdf_kernels import newton_step
 from feasigrasp.models.shape.node_sums import make_workspace, value_and_gradient_at
 
-#: Walls thinner than this have no chord [m].
-_MIN_CHORD = 1.5e-3
-#: A face that meets the ray at a flatter cosine than this is not an exit.
+#: A face that meets the ray at a flatter cosine than this is not an exit. Source: guessed.
 _MIN_SLOPE = 0.15
-#: A surface point farther from the ray than this says nothing about its exit [m].
+#: A surface point farther from the ray than this says nothing about its exit [m]. Source: guessed.
 _REACH = 0.012
-#: Newton steps along the ray, how close they have to come, and how far they may lead [m].
+#: Newton steps along the ray, how close they have to come, and how far they may lead [m]. Source:
+#: guessed.
 _STEPS, _CONVERGED, _ACCEPTED, _STRAYS = 4, 1e-4, 1e-3, 8e-3
-#: In walls thinner than this the field is not trusted more than the points [m].
-_WALL = 0.01
-#: More than any length [m].
+#: More than any length [m]. Source: numerical.
 _NO_EXIT = 1e9
 
 
@@ -53,7 +50,8 @@ def _exit_costs(
         t = (dx * a + dy * b + dz * c) / max(slope, _MIN_SLOPE)
         a, b, c = t * u - dx, t * v - dy, t * w - dz
         square = a * a + b * b + c * c
-        usable = (slope > _MIN_SLOPE) & (square < _REACH * _REACH) & (t > _MIN_CHORD)
+        # Walls thinner than this have no chord [m].
+        usable = (slope > _MIN_SLOPE) & (square < _REACH * _REACH) & (t > 1.5e-3)
         cost = t + np.sqrt(square) if usable else _NO_EXIT
         out[j] = cost
         least = min(least, cost)
@@ -135,6 +133,8 @@ def chords(
     Returns:
         Lengths (n,), -1 where there is none; far ends (n, 3); outward unit normals there (n, 3).
     """
+    # In walls thinner than this the field is not trusted more than the points [m].
+    wall = 0.01
     wide_vectors()
     n = len(points)
     lengths, ends, outward = np.full(n, -1.0), np.zeros((n, 3)), np.zeros((n, 3))
@@ -160,10 +160,10 @@ def chords(
             while j < n - 1 and costs[j] != least:
                 j += 1
             guess = _crossing(planes, i, j)
-            if guess - _STRAYS > longest and guess >= _WALL:
+            if guess - _STRAYS > longest and guess >= wall:
                 continue  # wherever Newton steps led, it would be too far
             t, a, b, c = _exact_exit(tiles, work, length_scale, ray, guess)
-            if t < 0.0 and guess < _WALL:
+            if t < 0.0 and guess < wall:
                 t, a, b, c = guess, planes[3, j], planes[4, j], planes[5, j]
         if 0.0 <= t <= longest:
             lengths[i] = t
@@ -174,17 +174,13 @@ def chords(
 
 #: Names of the invariant features of a point, in the order of `GraspInput.scalars`.
 SCALARS = ("deviation", "chord", "chord_cosine", "chord_deviation")
-#: Chords are followed this far beyond the opening of the hand [m].
+#: Chords are followed this far beyond the opening of the hand [m]. Source: guessed.
 BEYOND_OPENING = 0.02
 #: Chords to an outermost face are shorter than the longest by at least this: what fits between the
-#: pads with a little room [m].
+#: pads with a little room [m]. Source: guessed.
 BEYOND_GRASPS = BEYOND_OPENING + 0.004
 #: Longest chord that is handed on, for the default hand [m].
 MAX_CHORD = ParallelGripper().max_opening + BEYOND_OPENING
-#: Points per wanted point to which a cloud is thinned before the even choice.
-_CANDIDATES = 2
-#: Smoothed and field normals that differ by more than this cosine: the field's is a thin wall's.
-_AGREE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +272,8 @@ def _candidates(field: Gpdf, n_points: int) -> tuple[Array, Array, Mask]:
     """
     completed = field.completion
     cloud, normals = field.seen()
-    most = _CANDIDATES * n_points
+    # A cloud is thinned to so many points for each one wanted, before the even choice.
+    most = 2 * n_points
     if len(cloud) > most:
         even = np.linspace(0, len(cloud) - 1, most).astype(int)
         cloud, normals = cloud[even], normals[even]
@@ -294,6 +291,7 @@ def _combined(of_field: Array, smoothed: Array) -> Array:
     smoothed normal, made from the points of one face, is right.
     """
     known = np.einsum("ij,ij->i", smoothed, smoothed) > 0.5
-    agree = np.einsum("ij,ij->i", of_field, smoothed) > _AGREE
+    # Smoothed and field normals that differ by more than this cosine: the field's is a thin wall's.
+    agree = np.einsum("ij,ij->i", of_field, smoothed) > 0.5
     mean = smoothed + np.where(known & ~agree, 0.0, 1.0)[:, None] * of_field
     return unit_normals(mean)

@@ -216,13 +216,10 @@ def _fourth_power(d, zero):
     return d * d
 
 
-#: Points farther than this from a box of the hand do not count [m].
-REACH = 0.025
 #: Numbers that `hand_room` gives for a direction: fingers and palm, of all points and of those that
-#: are sure; the way the fingers close; the camera, on the side where it has more room.
+#: are sure; the way the fingers close; the camera, on the side where it has more room. Source:
+#: layout: input of the network.
 ROOM = 6
-#: Clearance between the pads and a contact, below which points beside it are not in the way [m].
-_PAD_CLEARANCE = 0.004
 
 
 def neighbourhoods(
@@ -286,12 +283,13 @@ def hand_room(
     angle = 2.0 * np.pi * np.arange(directions) / directions
     turns = np.stack([np.cos(angle), np.sin(angle)], 1).astype(kind)
     room = np.empty((ROOM, directions, len(points)), dtype=kind)
+    # Points farther than this from a box of the hand do not count [m].
     room_kernel(
         (points, axes, across, kind(0.5) * widths),
         (np.ascontiguousarray(cloud.T), confidence),
         turns,
         HandSizes(*np.array(_hand_sizes(gripper), dtype=kind)),
-        kind(REACH),
+        kind(0.025),
         kind(1.0 / len(cloud)),
         room,
     )
@@ -302,6 +300,7 @@ def _hand_sizes(gripper: ParallelGripper) -> HandSizes:
     half = gripper.finger_thickness / 2
     length = gripper.tip - gripper.heel
     camera_y, camera_z = gripper.camera_center[1:]
+    # Clearance between the pads and a contact, below which points beside it are not in the way [m].
     return HandSizes(
         finger_x=gripper.max_opening / 2 + half,
         finger_half_x=half,
@@ -315,5 +314,5 @@ def _hand_sizes(gripper: ParallelGripper) -> HandSizes:
         camera_y=camera_y,
         camera_half_y=gripper.camera_box[1] / 2,
         camera_top=camera_z + gripper.camera_box[2] / 2,
-        clearance=_PAD_CLEARANCE,
+        clearance=0.004,
     )
