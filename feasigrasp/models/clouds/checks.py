@@ -35,11 +35,11 @@ def outliers(points: Array, p_OC: ArrayLike | None = None) -> Mask:
     Returns:
         Shape (n,); none if there are too few points for a decision.
     """
-    # If more points than this share are far off, those are dropped that are beyond so many times
+    # If more points than this share are far off, those are dropped that are beyond this multiple of
     # it.
     contaminated, near_factor = 0.02, 2.5
     # A point is judged by the distance to this neighbour, the nearest being the first. It is far
-    # off beyond so many times the median of that distance.
+    # off beyond this multiple of the median of that distance.
     neighbour, far = 3, 5.0
     # Neighbours that a point hangs together with, at most.
     links = 8

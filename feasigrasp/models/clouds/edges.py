@@ -18,7 +18,7 @@ from feasigrasp.models.clouds.camera import Camera
 #: Points of neighbouring pixels on an object that are farther apart lie on different surfaces [m].
 #: Source: guessed.
 EDGE_JUMP = 0.02
-#: A mask of fewer pixels shows too little of an object, and is grown by so many [pixels]. Source:
+#: A mask of fewer pixels shows too little of an object, and is grown by this [pixels]. Source:
 #: guessed.
 SCANTY, GROWTH = 150, 10
 

@@ -224,7 +224,7 @@ class FusedCloud(Frozen):
             other_weights: See there.
         """
         # A view shows a point again that is beside its nearest one by less than this share of a
-        # voxel, apart from it by less than so many standard deviations, and so much at most [m],
+        # voxel, apart from it by less than a number of standard deviations and a distance [m],
         # and faces the same way (cosine).
         beside_share, apart_sigmas, most_apart, same_side = 0.75, 6.0, 0.01, 0.3
         normals = _units(weights[:, None] * rows[:, 6:] + other_weights[:, None] * others[:, 6:])

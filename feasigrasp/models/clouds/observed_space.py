@@ -57,7 +57,7 @@ class DepthView(Frozen):
         """
         # Fewer pixels, or a smaller spread of their directions, do not.
         min_pixels, min_spread = 20, 0.02
-        # Every so many pixels, along each side, fit the camera's intrinsics.
+        # Step between the pixels that fit the camera's intrinsics, along each side.
         stride = 4
         X_WC = np.array(X_WC, dtype=float)
         offset = points.reshape(3, -1) - X_WC[:3, 3:]
@@ -136,8 +136,8 @@ class ObservedSpace(Frozen):
         # Where something has come, what is behind it was seen before that: it is unknown again.
         count = np.zeros(self.free.shape, dtype=np.int32)
         np.add.at(count, tuple(self._voxels(surroundings).T), 1)
-        # A voxel that so many points of one view fall into, though it had been seen to be free,
-        # holds something that has come since. Fewer may be noise.
+        # A voxel that this number of points of one view fall into, though it had been seen to be
+        # free, holds something that has come since. Fewer may be noise.
         come = np.argwhere((count >= 4) & self.free)
         _forget_kernel(come, int(np.ceil(BEHIND / self.voxel_size)), free)
         # A voxel counts as a whole: its middle is farther than half its diagonal from the surface.

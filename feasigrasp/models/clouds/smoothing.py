@@ -122,7 +122,7 @@ def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array, Arr
     max_shift = 0.006
     # Neighbours farther away hardly count, however sparse the view [m].
     max_radius = 0.01
-    # Where they err w times as much, by up to so many times, patches have these powers of w more
+    # Where they err w times as much, w at most the first, patches have these powers of w more
     # neighbours and are wider: normals would turn with the noise.
     widest, more, farther = 1.6, 5.0, 1.5
     # Neighbours that a patch is fitted to, if depths err by at most so much [m].
@@ -136,15 +136,15 @@ def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array, Arr
         distance, near = tree.query(where, k=count)
         return _fit_patches(thin, where, camera, near, distance, radius, most)
 
-    # The noise is that of so many patches.
+    # Number of patches from which the noise is estimated.
     some = np.ascontiguousarray(at[:: max(1, len(at) // 100)])
     noise = float(np.median(patches(some, min(neighbours, len(thin)), max_radius, max_shift)[2]))
     wider = min(max(noise / usual_noise, 1.0), widest)
     count = min(round(neighbours * wider**more), len(thin))
-    # If depths err much, no point moves further than so many times their standard deviation.
+    # If depths err much, no point moves further than a multiple of their standard deviation.
     most = max(max_shift, 4.0 * noise)
     points, normals, spread = patches(at, count, max_radius * wider**farther, most)
-    # Neighbouring pixels err together, and far ones count less: so many are worth one.
+    # Errors of neighbours correlate, far pixels count less: this number counts as one.
     return points, normals, spread * np.sqrt(12.0 / count)
 
 

@@ -138,7 +138,7 @@ class NetworkSampler:
 
 def _choose(contact: Array, points: NDArray[np.float32], count: int) -> NDArray[np.intp]:
     """At most ``count`` of the most likely contacts, spread over the object."""
-    # So many candidates are spread over the object, per contact that is taken.
+    # Candidates per taken contact that are spread over the object.
     best = np.argsort(-contact, kind="stable")[: 2 * count]
     # Contacts that the network gives less than this are not looked at.
     likely = best[contact[best] >= 0.2]

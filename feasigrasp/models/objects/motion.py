@@ -141,7 +141,7 @@ def bezier_legs(rng: np.random.Generator, center: Array, size: Array, count: int
     low, high = center - 0.5 * size, center + 0.5 * size
     places = [rng.uniform(low, high)]
     for _ in range(count - 1):
-        # Of so many places that are drawn, a leg goes to the farthest.
+        # Number of places drawn for a leg, which goes to the farthest of them.
         drawn = rng.uniform(low, high, (4, 3))
         places.append(drawn[np.argmax(np.linalg.norm(drawn - places[-1], axis=1))])
     start, end = np.array(places), np.roll(places, -1, axis=0)

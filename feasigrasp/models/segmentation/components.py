@@ -81,7 +81,7 @@ def find_components(points: Floats, chosen: Mask, p_WC: Array, camera: Camera) -
         camera: The camera.
     """
     number = np.empty(len(points), dtype=np.int32)
-    # Points of neighbouring pixels on one surface differ by so many standard deviations at most.
+    # Largest difference of neighbouring pixels on one surface, in standard deviations.
     count = _link(
         np.ascontiguousarray(points, dtype=np.float32),
         chosen,

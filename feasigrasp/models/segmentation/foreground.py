@@ -86,7 +86,7 @@ def agreeing(
     for k, sample in enumerate(components.samples):
         # A point agrees with the field that is no farther from its zero [m]: the error of the
         # predicted pose and of the side of the object that was not seen yet.
-        # Of a component's sample one point in so many is compared with the field.
+        # One point of a component's sample in this number is compared with the field.
         near = distance_to(field, _to(X_OW, sample[::3])) < 0.02
         if near.mean() >= agreeing_share:
             kept.append(k)

@@ -49,7 +49,7 @@ def in_color_gate(color: NDArray[np.uint8], hue_deg: float) -> Mask:
 UNOBSERVED, FREE, ROBOT, CELL, CARRIER = 0, 1, 2, 3, 4
 #: Largest error of the modeled poses of bodies [m]. Source: guessed.
 MARGIN = 0.005
-#: So many standard deviations of a depth are noise. Source: guessed.
+#: Number of standard deviations of a depth that is noise. Source: guessed.
 SIGMAS = 3.0
 
 

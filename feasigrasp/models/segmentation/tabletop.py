@@ -30,7 +30,7 @@ def check_no_table(points: Array, viewpoint: Array | None) -> None:
     Raises:
         PointCloudError: It shows a table.
     """
-    # Tables are sought with so many draws of three points; resolution [m].
+    # Draws of three points in the search for tables; resolution [m].
     table_draws, table_resolution = 300, 0.005
     # What stands on it spreads less than this share of the table, and nearly all on one side.
     on_table, one_side = 0.7, 0.9
@@ -170,7 +170,7 @@ def table_plane(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> Ar
 
 def _plane(thin: Array, viewpoint: ArrayLike) -> tuple[Array, float]:
     """Unit normal and offset of the plane with most points, the camera on its positive side."""
-    # The plane is sought with so many draws of three points.
+    # Draws of three points in the search for the plane.
     plane = largest_plane(thin, _THICKNESS, 1000)
     normal, offset = plane[:3], float(plane[3])
     sign = 1.0 if normal @ np.asarray(viewpoint, dtype=float) + offset > 0.0 else -1.0

@@ -238,7 +238,7 @@ def complete_shape(
     def fitted_to(count: int, hidden: HiddenNodes) -> tuple[Gpdf, int]:
         """The field of the first surface points, and the number of its nodes that rest on them."""
         seen, signed = _seen_nodes(surface[:count], normals[:count], steep[:count])
-        # Neighbouring nodes there err together: so many of them count as one observation.
+        # Errors of neighbouring nodes there correlate: this number counts as one observation.
         hidden_variance = 1.5 * (hidden.deviation / length_scale) ** 2
         made_up = np.zeros(len(hidden.points))
         noise = np.concatenate([np.zeros(len(seen) + len(free)), hidden_variance])

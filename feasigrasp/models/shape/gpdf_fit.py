@@ -71,7 +71,7 @@ def fit_gpdf(
         cloud = cloud[even]
         directions = None if directions is None else directions[even]
     count = min(max_points, len(cloud))
-    # One in so many of the chosen points is one that sticks out: the corners.
+    # One chosen point in this number is one that sticks out: the corners.
     outward = count // 8
     chosen = farthest_points(cloud, count, outward)
     surface = cloud[chosen]

@@ -22,7 +22,7 @@ from feasigrasp.models.shape.scene_field import SceneField
 #: [m]. 1.2 m about the shoulder, which is 0.34 m high, and 0.2 m below the base. Source: data
 #: sheet: KUKA LBR iiwa 7 R800, with a hand.
 ARM_BOX = (np.array([-1.2, -1.2, -0.2]), np.array([2.4, 2.4, 1.74]))
-#: Nodes so many voxels from an observed point ask the field. Source: guessed.
+#: Nodes within this number of voxels of an observed point ask the field. Source: guessed.
 _BAND = 2.0
 
 

@@ -20,7 +20,7 @@ _OTHER_VIEW, _OTHER_INLIERS, _OTHER_DEVIATION = 0.35, 0.75, 2.5e-3
 #: Source: guessed.
 KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
 #: Points so near to the border of an image are where it cuts the object off, until an image shows a
-#: margin of this width around them [px]; so many are kept of an image, and of all. Source: guessed.
+#: margin of this width around them [px]; numbers kept of an image, and of all. Source: guessed.
 _AT_BORDER, _SEEN_PAST = 4.0, 12.0
 _CUT_POINTS, _MOST_CUT = 60, 600
 
@@ -61,7 +61,7 @@ def keyframe_of(
         deviation: How far the surface may be from there, across itself [m].
         begun_at: Time of the first view of this O [s].
     """
-    # A keyframe has so many points at most: what more there are of a near object are closer
+    # Largest number of points of a keyframe: what more there are of a near object are closer
     # together than the model is fine.
     points_W = view.points_W[:: -(-len(view.points_W) // 6000)]
     p_OC = _in_object(X_WO, view.X_WC[:3, 3])
@@ -77,7 +77,7 @@ def is_worth_merging(key: Keyframe, found: Registration, last: float, views: Vie
         last: Time of the last keyframe [s], at least `KEY_PERIOD` ago.
         views: From where the merged views were taken.
     """
-    # Of a side that was seen so many times there are fewer: so much time between them [s].
+    # Views of a side after which its keyframes are fewer, and the time between these [s].
     known_side, known_period = 3, 0.4
     new_part = found.new > _NEW_PART
     if not _good_enough(key, found, other=new_part or views.turned(key.p_OC) > _OTHER_SIDE):

@@ -17,14 +17,14 @@ from feasigrasp.models.tracking.view import ObjectView
 #: farther off than 63 degrees. Source: guessed.
 _NEARBY = np.vstack([np.zeros(3), *(t * np.eye(3) for t in (0.4, -0.4, 0.8, -0.8))])
 _ALL_ROUND = Rotation.create_group("O")
-#: A coarse search uses so many points; a point counts for it by half at this distance from the
+#: Points of the coarse search; a point counts for it by half at this distance from the
 #: surface [m]. Source: guessed.
 _COARSE, _HALF = 150, 0.006
 #: What the place is known to be worth after a gap, beside what the filter says [rad, m]; and after
 #: a long one, in which the object may have turned to any side. Source: guessed.
 SEARCH_SPREAD, ANY_ORIENTATION_SPREAD = (0.3, 0.05), (1.5, 0.1)
-#: A model point that projects onto the background is worth so many points of the object. Source:
-#: guessed.
+#: A model point that projects onto the background counts as this number of points of the object.
+#: Source: guessed.
 _BESIDE = 2.0
 
 
@@ -49,7 +49,7 @@ def reacquire(
     """
     starts = [(guess, X) for guess in guesses for X in _starts(model, view, guess, _NEARBY)]
     fits = np.array([_fit(model, view, X) for _, X in starts])
-    # So many starts nearby, those that fit best, are followed.
+    # Number of nearby starts, those that fit best, that are followed.
     starts = [starts[k] for k in np.argsort(-fits)[:4]]
     if any_orientation is not None:  # without information from such a distance
         some = Rotation.from_quat(np.random.default_rng(any_orientation).standard_normal(4))
@@ -59,7 +59,7 @@ def reacquire(
         found = [
             register(model, view, guess, covariance, start=X, points=_COARSE) for guess, X in starts
         ]
-        # Of those that come from far off so many are followed once more.
+        # Number of starts from far off that are followed once more.
         order = sorted(range(len(found)), key=lambda k: -_score(found[k]))[:6]
         starts = [(starts[k][0], found[k].X_WO) for k in order]
     return register(model, view, starts[0][0], covariance, start=starts[0][1])

@@ -36,9 +36,10 @@ from feasigrasp.models.tracking.model import TrackedModel, jacobian, without_noi
 from feasigrasp.models.tracking.twist_filter import moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
 
-#: Neighbouring pixels and model points err together: so many count as one. Source: guessed.
+#: Errors of neighbouring pixels and model points correlate: this number counts as one. Source:
+#: guessed.
 CORRELATED = 20.0
-#: A residual below this, or so many standard deviations, is an inlier's [m]. Source: guessed.
+#: A residual below this, or this number of standard deviations, is an inlier's [m]. Source: guessed.
 _INLIER, _INLIER_SIGMAS = 3e-3, 3.0
 _STEPS = 6
 
@@ -183,7 +184,7 @@ def _prior_gradient(prior: Array, X_expected: Array, X: Array) -> Array:
 
 def _robust(residual: Array, variance: Array, scale: float) -> Array:
     """Weights of Geman and McClure, divided by the variance, shape (n,)."""
-    # Residuals beyond so many standard deviations count less.
+    # Residuals beyond this number of standard deviations count less.
     limit = np.maximum(3.0**2 * variance, scale**2)
     return np.asarray(1.0 / (variance * (1.0 + residual**2 / limit) ** 2))
 
@@ -234,8 +235,8 @@ def _silhouette(
     return rows, weights, -excess, result
 
 
-#: Where less than this share of the known, facing surface is in the image, so many points must be
-#: on the model; where hardly any is, the observed side is new, and its observed part says nothing.
+#: Where less than this share of the known, facing surface is in the image, this share of points
+#: must be on the model; where hardly any is, the observed side is new, and its observed part says nothing.
 #: Source: guessed.
 _LITTLE, _INLIERS_OF_LITTLE, _NEW_SIDE = 0.25, 0.7, 0.02
 #: Less of the known surface than this faces a camera that sees another side. Source: guessed.
@@ -250,7 +251,7 @@ def is_accepted(found: Registration) -> bool:
     # left to the information: little of the object determines little.
     least_inside, least_inliers, least_covered, most_beside = 0.05, 0.6, 0.5, 0.35
     little = found.in_view < _LITTLE
-    # Points of a new side are not asked to be on the model; so many of all are at least.
+    # Points of a new side need not be on the model; this share of all is at least.
     return (
         found.inside >= least_inside
         and found.inliers >= (_INLIERS_OF_LITTLE if little else least_inliers)

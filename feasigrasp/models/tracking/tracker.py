@@ -50,12 +50,12 @@ from feasigrasp.models.tracking.registration import (
 from feasigrasp.models.tracking.twist_filter import TwistFilter, jerk_of, moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
 
-#: A first view has at least so many points, any other so many. Source: guessed.
+#: Least number of points of a first view, and of any other. Source: guessed.
 _FIRST_POINTS, _LEAST_POINTS = 300, 80
 #: After such a gap little in the image is not enough, and any turn is tried [s]; a pose this far
 #: from the expected one is asked for as much as one that was searched for [m]. Source: guessed.
 _LONG_GAP, _LARGE_STEP = 1.0, 0.01
-#: So many points of its path make it known; out of sight an object is expected on it, slowing down
+#: Points after which a path is known; out of sight an object is expected on it, slowing down
 #: over this time [s]: a path that is wrong must not carry the hand off. Its twist there is taken
 #: over this [s]. Source: guessed.
 _KNOWN_PATH, _SLOWING, _STEP = 12, 2.0, 1e-3
@@ -248,7 +248,7 @@ def _one_view(information: Array, views: int) -> Array:
         information: Information matrix of an image, shape (6, 6).
         views: How many the model is made of.
     """
-    # A merged view moves the model by its own error, as one of so many views, and by this share of
+    # A merged view moves the model by its own error, as one of the views merged, and by this share of
     # it at least: where it shows another side it is the only one.
     share = max(1.0 / max(views, 1), 0.2)
     # What is known without any image of where a model is: standard deviations [rad, m].

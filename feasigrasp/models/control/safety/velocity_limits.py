@@ -45,7 +45,7 @@ import numpy as np
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: A command beyond so many times the velocity limits is none, but a fault of the controller.
+#: A command beyond this multiple of the velocity limits is a fault of the controller.
 #: Source: guessed.
 WILD = 10.0
 

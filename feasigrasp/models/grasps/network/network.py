@@ -46,8 +46,8 @@ from feasigrasp.models.weights_file import WEIGHTS, WeightArrays, WeightsFormat,
 
 #: Approach directions that are handed on for each contact. Source: layout: output of the network.
 MODES = 6
-#: Where the contact opposite may be farther away than it likely is, the hand makes room for so many
-#: standard deviations of that, and for this much more on either side [m]. Source: guessed.
+#: Room of the hand for an opposite contact that is farther away than predicted: standard deviations
+#: of the prediction, and a margin on either side [m]. Source: guessed.
 ROOM_DEVIATIONS, ROOM_BESIDE = 2.0, 6e-3
 #: The spread of a width that training starts with, and the least one [m]. Source: guessed.
 SPREAD, LEAST_SPREAD = 5e-3, 2e-4

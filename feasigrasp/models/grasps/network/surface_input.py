@@ -272,7 +272,7 @@ def _candidates(field: Gpdf, n_points: int) -> tuple[Array, Array, Mask]:
     """
     completed = field.completion
     cloud, normals = field.seen()
-    # A cloud is thinned to so many points for each one wanted, before the even choice.
+    # Points per wanted point to which a cloud is thinned before the even choice.
     most = 2 * n_points
     if len(cloud) > most:
         even = np.linspace(0, len(cloud) - 1, most).astype(int)
