@@ -39,7 +39,8 @@ from feasigrasp.models.tracking.view import ObjectView
 #: Errors of neighbouring pixels and model points correlate: this number counts as one. Source:
 #: guessed.
 CORRELATED = 20.0
-#: A residual below this, or this number of standard deviations, is an inlier's [m]. Source: guessed.
+#: A residual below this, or this number of standard deviations, is an inlier's [m]. Source:
+#: guessed.
 _INLIER, _INLIER_SIGMAS = 3e-3, 3.0
 _STEPS = 6
 
@@ -236,8 +237,8 @@ def _silhouette(
 
 
 #: Where less than this share of the known, facing surface is in the image, this share of points
-#: must be on the model; where hardly any is, the observed side is new, and its observed part says nothing.
-#: Source: guessed.
+#: must be on the model; where hardly any is, the observed side is new, and its observed part says
+#: nothing. Source: guessed.
 _LITTLE, _INLIERS_OF_LITTLE, _NEW_SIDE = 0.25, 0.7, 0.02
 #: Less of the known surface than this faces a camera that sees another side. Source: guessed.
 _LEAST_FACING = 0.03

@@ -248,8 +248,8 @@ def _one_view(information: Array, views: int) -> Array:
         information: Information matrix of an image, shape (6, 6).
         views: How many the model is made of.
     """
-    # A merged view moves the model by its own error, as one of the views merged, and by this share of
-    # it at least: where it shows another side it is the only one.
+    # A merged view moves the model by its own error, as one of the views merged, and by this share
+    # of it at least: where it shows another side it is the only one.
     share = max(1.0 / max(views, 1), 0.2)
     # What is known without any image of where a model is: standard deviations [rad, m].
     least = np.diag(1.0 / np.square(np.repeat((0.3, 0.03), 3)))
