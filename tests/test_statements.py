@@ -1,5 +1,6 @@
 """Numbers in the pages are those of the code: every statement is written anew from its values."""
 
+import ast
 import importlib
 import inspect
 import re
@@ -20,6 +21,7 @@ from feasigrasp.models.objects.rigid_object import builtin_objects
 from feasigrasp.models.objects.spring_drive import SPRINGS
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.robot import IIWA_7, ParallelGripper
+from feasigrasp.models.shape.gpdf_kernels import newton_step
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.metrics.reference_robot import SLICES
 from feasigrasp.scenario import faults
@@ -34,7 +36,7 @@ from feasigrasp_lab.runs.plan import FIRST_TEST_SEED, TEST_OBJECTS
 from feasigrasp_lab.studies.static import PROTOCOLS
 from feasigrasp_lab.training.data.household_shapes import FAMILIES, HELD_OUT
 from tests.conftest import REPOSITORY
-from tools.constants import constants
+from tools.constants import assigned, constants
 
 _MODULES = {(c.module.rpartition(".")[2], c.name): c.module for c in constants()}
 
@@ -43,6 +45,19 @@ def value(name):
     """A constant by the last part of its module and its name, wherever the module lies."""
     module, _, constant = name.partition(".")
     return getattr(importlib.import_module(_MODULES[module, constant]), constant)
+
+
+def local(name):
+    """A number, or some, that a function has a name for: ``module.function.name``."""
+    module, function, variable = name.split(".")
+    found = []
+    for file in (REPOSITORY / "feasigrasp").rglob(f"{module}.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.FunctionDef) and node.name == function:
+                assignments = [each for each in ast.walk(node) if isinstance(each, ast.Assign)]
+                found += [dict(assigned(each)).get(variable) for each in assignments]
+    (expression,) = filter(None, found)
+    return eval(ast.unparse(expression), {"np": np})
 
 
 def degrees(name):
@@ -92,6 +107,8 @@ PAPER, FAST = (
     for end in ("", "Fast")
 )
 
+TRACKED = local("smoothing.register_view.tracked_sigma")
+
 CONTROL = "feasigrasp.models.control"
 GRASP_INPUT = "feasigrasp.models.grasps.network.surface_input.grasp_input"
 MOTION = {
@@ -114,42 +131,45 @@ STATEMENTS = {
             "margin is {:g} mm plus {:g} standard deviations",
             (mm("modeled_bodies.MARGIN"), value("modeled_bodies.SIGMAS")),
         ),
-        ("A wait of at most {:g} s separates bodies", (value("foreground.PATIENCE"),)),
+        ("A wait of at most {:g} s separates bodies", (local("foreground._chosen.patience"),)),
         ("`l = {:g} m`", (COMPLETE["length_scale"],)),
         (
             "s² = {:g} ({:g} in the paper's field)",
-            (value("completion.SMOOTHED_NOISE"), FIT["noise_variance"]),
+            (local("completion.complete_shape.smoothed"), FIT["noise_variance"]),
         ),
         (
             "at `+-h = {:g} mm` along the normals of {:g} % of the points",
-            (mm("completion.SURFACE_OFFSET"), percent("completion.BESIDE_SHARE")),
+            (mm("completion.SURFACE_OFFSET"), 100 * local("completion._seen_nodes.share")),
         ),
-        ("step = d / max(|grad d|, {:g})", (value("gpdf_kernels.SLOPE_FLOOR"),)),
-        ("over {} neighbors", (value("smoothing.NEIGHBOURS"),)),
+        ("step = d / |grad d|, at most {:g} |d|", (newton_step(1.0, 1e-9),)),
+        ("over {} neighbors", (local("smoothing.smooth_view.neighbours"),)),
         (
             "as prior ({:g} mm, {:.0f}°)",
-            (mm("smoothing.TRACKING_SIGMA")[1], np.rad2deg(value("smoothing.TRACKING_SIGMA")[0])),
+            (1e3 * TRACKED[1], np.rad2deg(TRACKED[0])),
         ),
         (
             "unless it removes {:.0f} % of the misfit",
-            (100 - percent("smoothing._MISFIT_LEFT"),),
+            (100 - 100 * local("smoothing.register_view.left"),),
         ),
         ("a {0} x {0} depth picture", (value("view_image.SIDE"),)),
-        ("and {:g} object widths behind", (value("view_image.RIM_DEPTHS")[1],)),
+        ("and {:g} object widths behind", (local("view_image.rim_points.rim_depths")[1],)),
         (
             "more than {:g} mm inside free space are dropped, unless observed within {:g} mm",
-            (mm("completion._CARVED"), mm("completion._OBSERVED")),
+            (
+                1e3 * local("completion.possible.carved"),
+                1e3 * local("completion.possible.observed"),
+            ),
         ),
         ("New sides ({:.0f}° from all others)", (degrees("keyframe._OTHER_SIDE"),)),
         ("after more than {:g} s at any orientation", (value("tracker._LONG_GAP"),)),
         (
             "requires {:g} % of the points on the model, after 1 s {:g} %",
             (
-                percent("registration._FOUND")[0],
-                percent("registration._FOUND_AT_ANY_ORIENTATION")[0],
+                100 * local("registration.is_found.shares")[0],
+                100 * local("registration.is_found.shares_at_any_orientation")[0],
             ),
         ),
-        ("visible for {:g} s without a fit", (value("tracker._GIVEN_UP"),)),
+        ("visible for {:g} s without a fit", (local("tracker.track.given_up"),)),
         ("out of sight for {:g} s, the arm moves", (value("search_pose.SEARCH_AFTER"),)),
         ("After {:g} s the view circles", (value("search_pose._CIRCLES_AFTER"),)),
         ("once others agree for {:g} s", (value("pose_filter._JUMP_FOR"),)),
@@ -181,7 +201,7 @@ STATEMENTS = {
             (EM["rotation_floor"], 1e3 * EM["translation_floor"]),
         ),
         ("With fewer than {} grasps left", (value("non_maximum_suppression.ENOUGH"),)),
-        ("more than {:g} mm from the surface", (mm("filter.CONTACT_TOLERANCE"),)),
+        ("more than {:g} mm from the surface", (1e3 * local("filter.filter_grasps.tolerance"),)),
         ("exceeds {:g}; {:g}, then {:g}, while", value("filter.COSINE_STEPS")),
         ("is closer than {:g} mm and half", (mm("hand_clearance.MARGIN"),)),
         ("walls thinner than {:g} mm are left", (mm("hand_clearance.THIN_WALL"),)),
@@ -324,7 +344,7 @@ STATEMENTS = {
     ],
     "index.md": [
         ("Meshes of more than {} faces", (value("mesh.MAX_FACES"),)),
-        ("fragments below {:g} % of the volume", (percent("mesh._CRUMB"),)),
+        ("fragments below {:g} % of the volume", (100 * local("mesh._joined.crumb"),)),
     ],
     "hardware.md": [
         ("drake-iiwa-driver | {:g} Hz |", (1 / channels.IIWA_PERIOD,)),
@@ -368,7 +388,7 @@ STATEMENTS = {
         ),
         ("by release_delay, {:g} s", (SCENARIO.carrier.release_delay,)),
         ("closer than {:g} cm to each other", (100 * value("components.JOINED"),)),
-        ("within {:g} m of the hand", (value("foreground.WITHIN"),)),
+        ("within {:g} m of the hand", (local("foreground.segment.within"),)),
     ],
     "results_schema.md": [
         ("the forearm in {} slices", (SLICES["iiwa_link_5"],)),

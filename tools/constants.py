@@ -52,19 +52,20 @@ def constants(package: str = "feasigrasp") -> Iterator[Constant]:
                 comment = comment_above(text.splitlines(), node.lineno - 1)
                 meaning, _, source = comment.partition("Source: ")
                 for name, value in assigned(node):
-                    yield Constant(
-                        module, name, ast.unparse(value), meaning.strip(), source.rstrip(". ")
-                    )
+                    if name.isupper():
+                        yield Constant(
+                            module, name, ast.unparse(value), meaning.strip(), source.rstrip(". ")
+                        )
 
 
 def assigned(node: ast.Assign) -> Iterator[tuple[str, ast.expr]]:
-    """Names and values of one assignment, taken apart where both are tuples."""
+    """Names and numeric values of one assignment, taken apart where both are tuples."""
     target, value = node.targets[0], node.value
     pairs = [(target, value)]
     if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
         pairs = list(zip(target.elts, value.elts, strict=True))
     for each, number in pairs:
-        if isinstance(each, ast.Name) and each.id.isupper() and is_numeric(number):
+        if isinstance(each, ast.Name) and is_numeric(number):
             yield each.id, number
 
 

@@ -50,7 +50,8 @@ def register_view(
     points, normals = points[::every], normals[::every]
     tree, center = cKDTree(model_points), model_points.mean(axis=0)
     # Standard deviation of the tracked pose that is reckoned with: [rad] and [m], per axis.
-    sigma = np.repeat((np.deg2rad(1.0), 2e-3), 3)
+    tracked_sigma = np.deg2rad(1.0), 2e-3
+    sigma = np.repeat(tracked_sigma, 3)
     total = np.eye(4)
     for gate in np.linspace(*_GATE, steps):
         moved = points @ total[:3, :3].T + total[:3, 3]
@@ -80,7 +81,8 @@ def register_view(
     too_far = np.abs(_about(se3.log(total), center)) > 4.0 * np.sqrt(2.0) * sigma
     # A correction that leaves more than this of the misfit follows noise, not an error of the
     # tracker.
-    return np.eye(4) if too_far.any() or corrected >= 0.95 * tracked else total
+    left = 0.95
+    return np.eye(4) if too_far.any() or corrected >= left * tracked else total
 
 
 def _spread(

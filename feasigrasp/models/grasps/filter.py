@@ -105,7 +105,8 @@ def filter_grasps(
     off, cosine = _contact_state(gpdf, pairs)
     cosine = np.where(thin, -1.0, cosine)
     # A contact further than this from the surface touches nothing [m].
-    touching = np.where(thin, off.min(axis=0), off.max(axis=0)) <= 0.005
+    tolerance = 0.005
+    touching = np.where(thin, off.min(axis=0), off.max(axis=0)) <= tolerance
     checks: dict[str, Mask] = {
         Rejection.OFF_SURFACE: touching[pair_of],
         Rejection.NOTHING_BETWEEN: (thin | _holding(gpdf, pairs))[pair_of],

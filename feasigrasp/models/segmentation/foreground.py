@@ -220,7 +220,8 @@ def segment(
     free = kinds == FREE
     where = np.flatnonzero(free)
     # Farther from the hand than this is nothing to be grasped now [m].
-    far = np.square(view.points[where] - p_WH).sum(axis=1) > 1.0**2
+    within = 1.0
+    far = np.square(view.points[where] - p_WH).sum(axis=1) > within**2
     free[where[far]] = False
     components = find_components(view.points, free, view.X_WC[:3, 3], camera)
 
@@ -273,7 +274,8 @@ def _chosen(components: Components, known: Known, p_WH: Array, camera: Camera) -
     if len(groups) > 1:
         moving = _moving(groups, components, known.before, camera)
         # Which of several bodies moves is waited for so long [s].
-        if not moving and not was_seen and known.waited < 1.0:
+        patience = 1.0
+        if not moving and not was_seen and known.waited < patience:
             return np.zeros(0, dtype=np.int64)
         groups = moving or groups
     near = pose[:3, 3] if pose is not None and was_seen else p_WH

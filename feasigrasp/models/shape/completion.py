@@ -167,8 +167,8 @@ class CompletedField(Gpdf):
         """Mask of points (m, 3) outside observed free space, shape (m,)."""
         # Completed surface deeper in free space than this is dropped [m], unless an observed point
         # is this near [m]: then the view's edge is wrong, not the surface.
-        observed = 4e-3
-        free = free_distance(self.images, x) > 3e-3
+        carved, observed = 3e-3, 4e-3
+        free = free_distance(self.images, x) > carved
         near = self._tree.query(x[free], distance_upper_bound=observed)[0]  # inf if none is
         free[free] = near > observed
         return ~free
@@ -226,7 +226,8 @@ def complete_shape(
         )
     points = checked_cloud(cloud.points)
     # s2 of smoothed points.
-    noise_variance = 1e-3 if noise_variance is None else noise_variance
+    smoothed = 1e-3
+    noise_variance = smoothed if noise_variance is None else noise_variance
     check_fit(length_scale, noise_variance, SURFACE_OFFSET, max_points)
     chosen = farthest_points(points, min(max_points, len(points)))
     surface, normals = points[chosen], cloud.normals[chosen]
@@ -271,8 +272,9 @@ def complete_shape(
 def _seen_nodes(surface: Array, normals: Array, steep: Mask) -> tuple[Array, Array]:
     """Points of the surface and some on either side of it, and their signed distances from it."""
     # Share of the points that get such values.
-    share = round(0.15 * len(surface))
-    beside = np.flatnonzero(~steep)[:share]  # the first ones cover the cloud evenly
+    share = 0.15
+    count = round(share * len(surface))
+    beside = np.flatnonzero(~steep)[:count]  # the first ones cover the cloud evenly
     offset = SURFACE_OFFSET * normals[beside]
     nodes = np.concatenate([surface, surface[beside] + offset, surface[beside] - offset])
     offsets = [0.0, SURFACE_OFFSET, -SURFACE_OFFSET]

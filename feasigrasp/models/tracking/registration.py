@@ -275,12 +275,11 @@ def is_found(found: Registration, *, any_orientation: bool = False) -> bool:
         any_orientation: Whether it was searched for at all orientations, where some wrong one fits
             as well.
     """
-    # and has so much of the points on the model, of the model beside the object, and of what is in
-    # view seen; and if any turn was tried.
+    # A pose that is not where it was expected has so much of the points on the model, of the model
+    # beside the object, and of what is in view seen; and if any turn was tried.
     shares, shares_at_any_orientation = (0.85, 0.1, 0.7), (0.95, 0.05, 0.8)
     least_on, most_beside, least_covered = shares_at_any_orientation if any_orientation else shares
-    # A pose that is not where it was expected shows such a share of the facing surface in the
-    # image,
+    # The share of the facing surface that it shows in the image.
     return (
         is_accepted(found)
         and found.facing >= _LEAST_FACING

@@ -193,7 +193,8 @@ def track(
     after = replace(after, unknown_since=min(after.unknown_since, time) if unknown else np.inf)
     # An object that is seen as a whole is not recognised for so long: what is known is given up
     # [s].
-    if time - after.unknown_since >= 0.6:
+    given_up = 0.6
+    if time - after.unknown_since >= given_up:
         return _begun(after, view, time)
     return _passed_on(replace(after, in_view=0.0))
 
