@@ -40,10 +40,13 @@ def teleport(simulator: Simulator, reachability: Reachability, until: float) -> 
         found = np.flatnonzero(np.isfinite(q).all(axis=1))
         if len(found):
             best, rest = q[found[0]], np.zeros(IIWA_7.joints)
-            plant.SetPositions(plant_context, arm, best)
-            plant.SetVelocities(plant_context, arm, rest)
             drive.GetMyMutableContextFromRoot(root).SetDiscreteState(
                 0, np.concatenate([best, rest])
             )
+            # The joints are where the arm's own controller takes them, by its encoders.
+            sensors = station.GetSubsystemByName("joint_sensors")
+            there = sensors.GetOutputPort("true_desired_state")
+            state = there.Eval(sensors.GetMyContextFromRoot(root))
+            plant.SetPositionsAndVelocities(plant_context, arm, state)
             return True
     return True
