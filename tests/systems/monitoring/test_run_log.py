@@ -63,7 +63,13 @@ def test_joints_and_commands_are_those_of_arm_and_drive(logged):
         diagram.GetSubsystemByName(f"log({name})").FindLog(simulator.get_context()).data().T
         for name in ("arm", "drive")
     )
-    np.testing.assert_array_equal(np.hstack([log["q"], log["qd"]]), arm)
+    np.testing.assert_array_equal(log["qd"], arm[:, 7:])
+    # Encoders have zeros that stay, and round.
+    joints, off = scenario().sensors.joints, log["q"] - arm[:, :7]
+    step, zero = np.deg2rad(joints.encoder_step_deg), np.deg2rad(joints.encoder_zero_deg)
+    np.testing.assert_allclose(log["q"] / step, np.rint(log["q"] / step), atol=1e-6)
+    assert (np.ptp(off, axis=0) < 1.001 * step).all()
+    assert step < np.abs(off.mean(axis=0)).max() < 4.0 * zero
     np.testing.assert_array_equal(np.hstack([log["q_sent"], log["qd_sent"]]), drive)
     # The drive sends what was commanded a tick before, but where the controller plans anew.
     sent, commanded = log["qd_sent"][1:], log["qd_commanded"][:-1]
