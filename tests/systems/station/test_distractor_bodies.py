@@ -37,7 +37,7 @@ def labels(cell):
 def test_ports_are_those_of_the_docstring(ports, documented_ports):
     given, outputs = ports(DistractorBodies([], []))
     assert (list(given), list(outputs)) == documented_ports(DistractorBodies)
-    assert given == {"hold": 1}
+    assert given == {"let_go": 1}
 
 
 def test_each_has_a_label_of_its_own_and_is_seen(carried):
@@ -81,8 +81,9 @@ def test_it_draws_back_when_the_object_is_let_go(carried):
     cell.advance(0.1)
     held = hand_middle(cell) - cell.motion.pose(0.1)[:3, 3]
     cell.fix("object.hold", [0.0])
-    cell.advance(0.5)
-    drawn = hand_middle(cell) - cell.motion.pose(0.5)[:3, 3]
+    later = 0.5 + cell.scenario.carrier.release_delay
+    cell.advance(later)
+    drawn = hand_middle(cell) - cell.motion.pose(later)[:3, 3]
     # 0.4 s at 0.3 m/s; that the view of it changes shifts the middle of what is seen.
     assert np.linalg.norm(drawn - held) == pytest.approx(0.12, abs=0.05)
     assert drawn[0] > held[0] + 0.06
