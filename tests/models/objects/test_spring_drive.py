@@ -7,7 +7,10 @@ from scipy.integrate import solve_ivp
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.spring_drive import (
+    SPRINGS,
+    Compliance,
     DrivenBody,
+    carried_body,
     drive_wrench_kernel,
     motion_wrench_kernel,
     rotation_kernel,
@@ -25,9 +28,16 @@ def rotation(wxyz):
     return R
 
 
-def wrench_at(state, X_WR, V_WR, acceleration, *, gravity=GRAVITY, frequency=FREQUENCY):
+def critically_damped(gravity=GRAVITY, max_force=np.inf, max_torque=np.inf):
+    """On springs whose stiffness and damping are mass and inertia times w^2 and 2 w."""
+    w = FREQUENCY
+    spring = MASS * w**2, 2.0 * MASS * w, INERTIA * w**2, 2.0 * INERTIA * w
+    return DrivenBody(MASS, INERTIA, gravity, *spring, max_force, max_torque)
+
+
+def wrench_at(state, X_WR, V_WR, acceleration, load=None):
     wrench = np.empty(6)
-    load = DrivenBody(MASS, INERTIA, gravity, frequency)
+    load = critically_damped() if load is None else load
     drive_wrench_kernel(state, X_WR, V_WR, acceleration, load, wrench)
     return wrench
 
@@ -89,9 +99,8 @@ def test_it_bears_the_weight_and_nothing_else_at_the_reference():
     np.testing.assert_allclose(
         wrench_at(at_rest(), *still(0.0)), [0, 0, 0, 0, 0, 9.81 * MASS], atol=1e-12
     )
-    np.testing.assert_allclose(
-        wrench_at(at_rest(), *still(0.0), gravity=np.zeros(3)), 0, atol=1e-12
-    )
+    weightless = critically_damped(np.zeros(3))
+    np.testing.assert_allclose(wrench_at(at_rest(), *still(0.0), weightless), 0, atol=1e-12)
 
 
 def test_a_position_error_decays_critically_damped():
@@ -145,10 +154,36 @@ def test_the_torque_carries_a_free_spin():
     np.testing.assert_allclose(wrench[:3], np.cross(omega, INERTIA @ omega), atol=1e-12)
 
 
-@pytest.mark.parametrize("frequency", [10.0, 40.0])
-def test_stiffness_grows_with_the_square_of_the_frequency(frequency):
-    force = wrench_at(at_rest([0.01, 0, 0]), *still(0.0), frequency=frequency)[3]
-    assert force == pytest.approx(-MASS * frequency**2 * 0.01)
+@pytest.mark.parametrize("compliance", Compliance)
+def test_an_object_yields_by_the_stiffness_of_its_carrier(compliance):
+    """Along and about any axis, whatever its mass, if the time step is short."""
+    spring, axis, by = SPRINGS[compliance], np.array([2.0, -1.0, 2.0]) / 3, 0.01
+    moved = at_rest(by * axis, [np.cos(by / 2), *(np.sin(by / 2) * axis)])
+    for scale in (1.0, 10.0):
+        body = carried_body(scale * MASS, scale * INERTIA, np.zeros(3), spring, 1e-4)
+        expected = [-spring.angular_stiffness * by * axis, -spring.stiffness * by * axis]
+        wrench = wrench_at(moved, *still(0.0), body)
+        np.testing.assert_allclose(wrench, np.concatenate(expected), rtol=1e-9, atol=1e-9)
+
+
+def test_a_spring_too_stiff_for_the_time_step_is_as_soft_as_it_must_be():
+    """By the spectral radius of a step of semi-implicit Euler, along and about principal axes."""
+    spring, dt, scale = SPRINGS[Compliance.RIGID], 0.0025, 0.05
+
+    def radius(k, c, m):
+        v = [-dt * k / m, 1.0 - dt * c / m]  # v' by x and v; x' = x + dt v'
+        return np.abs(np.linalg.eigvals([[1.0 + dt * v[0], dt * v[1]], v])).max()
+
+    body = carried_body(scale * MASS, scale * INERTIA, np.zeros(3), spring, dt)
+    inertia, axes = np.linalg.eigh(scale * INERTIA)
+    turning, damping = (np.diag(axes.T @ each @ axes) for each in (body.K_B, body.D_B))
+    springs = [(body.stiffness, body.damping, body.mass, spring.stiffness)]
+    springs += [
+        (*each, spring.angular_stiffness) for each in zip(turning, damping, inertia, strict=True)
+    ]
+    for k, c, m, wanted in springs:
+        assert k < wanted and radius(k, c, m) < 0.99
+        assert radius(wanted, c * np.sqrt(wanted / k), m) > 1.0
 
 
 def test_beyond_its_strength_the_spring_gives_way():
@@ -159,7 +194,7 @@ def test_beyond_its_strength_the_spring_gives_way():
     wrench = np.empty(6)
 
     def pull(max_force, max_torque):
-        load = DrivenBody(MASS, INERTIA, GRAVITY, FREQUENCY, max_force, max_torque)
+        load = critically_damped(GRAVITY, max_force, max_torque)
         motion_wrench_kernel(far, m.parameters, 0.0, load, wrench)
         return wrench[:3].copy(), wrench[3:] + MASS * GRAVITY
 
