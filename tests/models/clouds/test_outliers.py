@@ -65,20 +65,32 @@ def test_of_a_clean_view_nearly_nothing_goes(looks, name):
     assert outliers(view.points, view.p_OC).mean() < 0.005
 
 
+def perceived(look, cloud):
+    """What is found in a cloud, and the error of the whole object's shape [mm]."""
+    viewed, view = look
+    found = perceive(cloud, view.p_OC)
+    truth = true_samples(viewed, 0)
+    return found, measure(viewed, found.gpdf, [view], *truth)["true_to_completed_mm"]
+
+
+@pytest.fixture(scope="module")
+def clean_errors(looks):
+    return {name: perceived(look, look[1].points)[1] for name, look in looks.items()}
+
+
 @pytest.mark.parametrize("share", [0.05, 0.2])
 @pytest.mark.parametrize("name", VIEWS)
-def test_grasps_and_shape_survive_outliers(looks, name, share):
-    """The bar: grasps there in every case, the whole object's error within 1 mm of the clean."""
-    viewed, view = looks[name]
-    points, normals = true_samples(viewed, 0)
-    error, grasps = {}, {}
-    for key, cloud in (("clean", view.points), ("bad", spoilt(view.points, share)[0])):
-        found = perceive(cloud, view.p_OC)
-        grasps[key] = len(found.grasps)
-        error[key] = measure(viewed, found.gpdf, [view], points, normals)["true_to_completed_mm"]
-    assert grasps["bad"] >= 5
-    assert error["bad"] < error["clean"] + 1.0
-    assert found.outliers > 0.6 * share * len(view.points)
+def test_grasps_and_shape_survive_outliers(looks, clean_errors, name, share):
+    """The bar: grasps there in every case, the whole object's error within 1 mm of the clean.
+
+    Which points are moved is drawn three times: how many grasps are left depends on it.
+    """
+    points = looks[name][1].points
+    found = [perceived(looks[name], spoilt(points, share, seed)[0]) for seed in (7, 8, 9)]
+    grasps = [len(each.grasps) for each, _ in found]
+    assert min(grasps) > 0 and np.median(grasps) >= 5
+    assert max(error for _, error in found) < clean_errors[name] + 1.0
+    assert min(each.outliers for each, _ in found) > 0.6 * share * len(points)
 
 
 def test_a_reflection_is_dropped_and_a_part_is_not(looks):
