@@ -40,8 +40,8 @@ def test_the_arm_goes_exactly_where_a_steady_command_takes_it():
     config = scenario()
     rollout = roll_out(config, GraspSet.empty(), duration=0.5, controller=Steady)
     period = config.control.period
-    # Every joint ramps up at its acceleration limit, then moves on.
-    dv = IIWA_7.acceleration_limits * period
+    # Every joint ramps up at what is sent of its acceleration limit, then moves on.
+    dv = IIWA_7.acceleration_share * IIWA_7.acceleration_limits * period
     steps = np.arange(1, len(rollout.states))[:, None]
     qd = np.sign(SPEED) * np.minimum(np.abs(SPEED), steps * dv)
     q = np.deg2rad(config.q_start) + period * np.cumsum(qd, axis=0)

@@ -56,7 +56,7 @@ def test_it_follows_what_is_asked_for():
 
 def test_what_is_left_is_made_up_for_without_haste_near_the_speed_limit():
     """Requests that have come late are far off: an arm overshoots a speed reached at full tilt."""
-    sent, _ = simulated(lambda t: START + 0.2 * (t > 1.0), 2.0)
+    sent, _ = simulated(lambda t: START + 0.2 * (t > 1.0), 2.1)
     v = keeps_limits(sent) / (CommandGuard.SPEED * IIWA_7.velocity_limits)
     share = CommandGuard.SPEED_GAIN * T
     assert (np.diff(v, axis=0) <= share * (1.0 - v[:-1]) + 1e-9)[v[:-1] > 0.0].all()
