@@ -149,18 +149,20 @@ def make_camera(scenario: Scenario, name: str = "") -> Camera:
     """A camera as estimators take it, by default perception's.
 
     Its noise is `stereo_deviation`, whatever errors the simulated camera makes; both have the same
-    baseline.
+    baseline and decimation.
     """
     name = name or scenario.perception.camera
     config = scenario.cameras[name]
-    baseline = scenario.camera_noise.get(name, {}).get("baseline", BASELINE)
+    noise = scenario.camera_noise.get(name, {})
     info = pixel_centred_intrinsics(config)
     return Camera(
         (info.focal_x(), info.focal_y(), info.center_x(), info.center_y()),
         info.width(),
         info.height(),
         config.z_near,
-        stereo_deviation(info.focal_x(), baseline),
+        stereo_deviation(
+            info.focal_x() * noise.get("decimation", 1), noise.get("baseline", BASELINE)
+        ),
     )
 
 

@@ -48,8 +48,8 @@ class Sensor:
 #: Those that the tracker is judged with; focal length and size are those of the recording. The
 #: second has the errors of the Reach scenarios' camera, but for its calibration.
 SENSORS = {
-    "d435": Sensor(DepthNoise(), 0.105),
-    "d405": Sensor(DepthNoise(baseline=0.018, motion_blur=1.0, dropped=0.02), 0.07),
+    "d435": Sensor(DepthNoise(decimation=2), 0.105),
+    "d405": Sensor(DepthNoise(baseline=0.018, motion_blur=1.0, dropped=0.02, decimation=2), 0.07),
 }
 
 
@@ -66,7 +66,7 @@ def images(
     """
     h, w = recording.depths.shape[1:]
     fx, fy, cx, cy = recording.intrinsics.tolist()
-    deviation = stereo_deviation(fx, sensor.noise.baseline)
+    deviation = stereo_deviation(fx * sensor.noise.decimation, sensor.noise.baseline)
     camera = Camera((fx, fy, cx, cy), w, h, sensor.near, deviation)
     errors = CameraErrors(sensor.noise, seed, (h, w))
     for k, X_WC in enumerate(recording.X_WC):

@@ -81,7 +81,7 @@ def stereo_deviation(focal_length: Positive, baseline: Positive = BASELINE) -> f
     """Coefficient of z^2 in the standard deviation of a stereo camera's depth z [1/m].
 
     Args:
-        focal_length: f [px].
+        focal_length: f, in pixels of the images that are matched [px].
         baseline: Distance B of the imagers [m].
 
     Returns:
