@@ -112,7 +112,7 @@ class DepthNoise:
     holes: float = key(1.0, 0.0, 10.0)
     motion_blur: float = key(0.0, 0.0, 20.0, "px")
     dropped: float = key(0.0, 0.0, 1.0)
-    decimation: int = key(1, 1, 8)
+    decimation: float = key(1.0, 1.0, 8.0)
 
     def __post_init__(self) -> None:
         """Checks the parameters.
