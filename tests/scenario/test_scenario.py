@@ -176,9 +176,9 @@ def test_the_conditions_are_those_of_a_real_cell(name):
     scenario = load_scenario(FILE, name)
     noise = make_camera_noise(scenario)["wrist_camera"]
     if scenario.tracker.kind == "camera":
-        assert noise.baseline == 0.018
+        assert (noise.baseline, noise.decimation) == (0.018, 2.0)
     else:
-        assert noise == DepthNoise()
+        assert noise == DepthNoise(decimation=2.0)
     assert 0.5 <= make_friction(scenario) <= 0.7
     assert scenario.sensors == SensorsConfig()
     assert scenario.perception.latency == 0.1
@@ -231,10 +231,11 @@ def test_camera_noise_is_off_where_no_camera_is_named():
     assert make_camera_noise(load_scenario(FILE, "ReachLinearMocap", "{camera_noise: {}}")) == {}
     text = "{camera_noise: {wrist_camera: {subpixel: 0.1, flying: 0}}}"
     scenario = load_scenario(FILE, "ReachLinearMocap", text)
-    assert make_camera_noise(scenario) == {"wrist_camera": DepthNoise(subpixel=0.1, flying=0.0)}
+    noise = DepthNoise(subpixel=0.1, flying=0.0, decimation=2.0)
+    assert make_camera_noise(scenario) == {"wrist_camera": noise}
     assert make_camera_noise(parse_scenario(dump_scenario(scenario))) == make_camera_noise(scenario)
     default = load_scenario(FILE, "ReachLinearMocap", "{camera_noise: {wrist_camera: {}}}")
-    assert make_camera_noise(default) == {"wrist_camera": DepthNoise()}
+    assert make_camera_noise(default) == {"wrist_camera": DepthNoise(decimation=2.0)}
 
 
 @pytest.mark.parametrize(

@@ -90,9 +90,8 @@ class DepthNoise:
         motion_blur: How many more pixels beside an edge are edge pixels [px]: the way of the image
             during an exposure. At 0.2 m/s, 0.3 m and 10 ms a camera with f = 220 px moves by 1.5.
         dropped: Share of the images that do not arrive: no pixel of theirs has a depth.
-        decimation: By how much the matcher's images are larger than those handed out, along each
-            axis; all disparities are in its pixels. The makers advise to match at 848 x 480 and to
-            decimate after that (Intel, "Tuning depth cameras for best performance").
+        decimation: How many of the matcher's pixels, in which disparities are, are one of the
+            image, along each axis. Intel advises to match at 848 x 480 ("Tuning depth cameras").
     """
 
     baseline: float = key(0.05, 0.001, 1.0, "m")

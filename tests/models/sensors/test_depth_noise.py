@@ -42,6 +42,8 @@ def test_axial_noise_grows_with_the_square_of_the_depth(z, expected):
     # The mean of f B / (disparity + error) is z (1 + (sigma / z)^2) to second order.
     standard_error = expected / np.sqrt(depth.size)
     assert np.mean(smooth) == pytest.approx(z + expected**2 / z, abs=4 * standard_error)
+    halved = DepthNoise(0.5 * baseline, 0.08, 0.0, 0.0, correlation=0.0, decimation=2.0)
+    np.testing.assert_allclose(halved.apply(depth, far, rng()), smooth, rtol=1e-12)
     stepped = DepthNoise(baseline).apply(depth, far, rng())
     disparity_step = z**2 / (FX * 0.05) / 32
     total = np.sqrt(expected**2 + (disparity_step**2 + 1e-6) / 12)

@@ -61,7 +61,7 @@ def test_in_the_station_cloud_and_depth_image_carry_the_same_noise():
     """Along the optical axis the cloud is the noisy depth; the labels know nothing of it."""
     file, images = diagram_path("dynamic.scenarios.yaml"), {}
     same = "sensors: {joints: {encoder_zero_deg: 0}}"
-    alone = "depth_step: 0, scale_error: 0, bias: 0, holes: 0"
+    alone = "decimation: 1, depth_step: 0, scale_error: 0, bias: 0, holes: 0"
     for noise in ("{}", f"{{wrist_camera: {{{alone}}}}}"):
         text = f"{{{same}, camera_noise: {noise}}}"
         station = make_station(load_scenario(file, "ReachLinearMocap", text))

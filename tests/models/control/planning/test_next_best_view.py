@@ -166,8 +166,8 @@ def test_the_longer_no_good_grasp_is_in_reach_the_less_is_asked_of_another_one(w
         if attempt.blocked:
             attempt = attempt.looking(float(t), None, np.inf)
     first, both = accepted.index(1) * PERIOD, accepted.index(2) * PERIOD
-    assert first == pytest.approx(10.0 * np.log(1.0 / 0.5), abs=0.11)
-    assert both == pytest.approx(10.0 * np.log(1.0 / 0.2), abs=0.11)
+    assert first == pytest.approx(2.0 * np.log(1.0 / 0.5), abs=0.11)
+    assert both == pytest.approx(2.0 * np.log(1.0 / 0.2), abs=0.11)
 
 
 def test_what_was_enough_for_want_of_better_is_not_when_there_is_better():
