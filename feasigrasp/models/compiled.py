@@ -41,10 +41,13 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     ours: dict[str, Any] = {"cache": True, "error_model": "numpy"}
     ours |= {"fastmath": False, "forceinline": False}
     ours["no_cfunc_wrapper"] = True  # no function's address is taken; 6 % of the time to compile
-    decorator: Any = njit(**(ours | options))
+    ours |= options
 
     def decorated(of: Callable[..., Any]) -> Any:
-        dispatcher = decorator(of)
+        try:
+            dispatcher: Any = njit(**ours)(of)
+        except RuntimeError:  # no folder can be written to: every process compiles it
+            return njit(**(ours | {"cache": False}))(of)
         if isinstance(cache := dispatcher._cache, FunctionCache):
             stamp = sources_hash(Path(of.__code__.co_filename), of.__module__)
             cache._cache_file = _Index(cache.cache_path, cache._impl.filename_base, stamp)

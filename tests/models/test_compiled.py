@@ -5,6 +5,7 @@ import pkgutil
 import subprocess
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
@@ -171,3 +172,23 @@ print(np.abs(out * 2.0**r - 1.0).max())
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
     )
     assert float(done.stdout) < 1e-13
+
+
+def test_where_nothing_can_be_written_it_is_compiled_without_a_cache(tmp_path):
+    """Files in the place of folders keep even root from writing there."""
+    (tmp_path / "__pycache__").touch()
+    (tmp_path / "cache").touch()
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from feasigrasp.models.compiled import compiled\n"
+        "@compiled\ndef twice(x):\n    return 2.0 * x\n\nprint(twice(1.5))\n"
+    )
+    environment = os.environ | {
+        "HOME": str(tmp_path / "cache"),
+        "XDG_CACHE_HOME": str(tmp_path / "cache" / "user"),
+        "PYTHONPATH": str(Path(feasigrasp.__file__).parents[1]),
+    }
+    environment.pop("NUMBA_CACHE_DIR", None)
+    command = [sys.executable, str(script)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert (done.stdout, done.returncode) == ("3.0\n", 0), done.stderr

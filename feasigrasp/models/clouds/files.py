@@ -38,6 +38,7 @@ def read_cloud(filename: str | Path) -> Array:
     Returns:
         Points in the file's own unit, shape (n, 3), without those that hold NaN or infinity, which
         is how sensors mark pixels without depth; nor those at exactly zero, which is how others do.
+        A point that is repeated counts once: loaders of networks draw points with repetition.
 
     Raises:
         PointCloudError: There is no such file, or no cloud in it.
@@ -75,7 +76,8 @@ def read_cloud(filename: str | Path) -> Array:
             "give numbers of shape (n, 3)"
         )
     points = points[..., :3].reshape(-1, 3).astype(float)
-    return points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
+    points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
+    return points[np.sort(np.unique(points, axis=0, return_index=True)[1])]
 
 
 def _read_pcd(path: Path) -> Array:

@@ -32,7 +32,7 @@ from feasigrasp.resources import model_path
 DEFAULT_DENSITY = 300.0
 #: Colour of an object without one. Source: layout.
 _DEFAULT_COLOR = (0.65, 0.65, 0.68, 1.0)
-_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf")
+_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".3mf")
 
 
 @dataclass(frozen=True, eq=False)

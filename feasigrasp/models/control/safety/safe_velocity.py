@@ -215,9 +215,10 @@ class SafetyFilter(Frozen):
             ControlError: An argument of another type or shape, J without V or V without J, or a
                 joint that is more than a whole turn from zero (degrees?).
         """
-        matrix, vector, n_hard = self.problem(
-            q, qd_preferred, J, V, qd_last=qd_last, obstacles=obstacles, moving=moving
-        )
+        bodies: dict[str, Any] = {"qd_last": qd_last, "obstacles": obstacles, "moving": moving}
+        matrix, vector, n_hard = self.problem(q, qd_preferred, J, V, **bodies)
+        if (bent := bending_velocity(q, qd_preferred, V)) is not qd_preferred:
+            matrix, vector, n_hard = self.problem(q, bent, J, V, **bodies)
         if len(matrix) == 0:
             last = _NONE if qd_last is None else np.ascontiguousarray(qd_last, dtype=float)
             return brake_kernel(last, self.options.acceleration_scale, self.options.period)
@@ -291,3 +292,20 @@ def _kept_off_an_object(gripper: ParallelGripper | None) -> Array:
     points, arm = hand_points(gripper), arm_balls(capsule_model(gripper, with_hand=False))
     hand = np.hstack([np.full((len(points), 1), 7.0), points, np.zeros((len(points), 1))])
     return np.concatenate([hand, np.column_stack([arm.link, arm.center, arm.radius])])
+
+
+def bending_velocity(q: Array, qd_preferred: Array, V: Array | None) -> Array:
+    """The preferred velocity; that which bends the elbow where a straight arm has to draw back.
+
+    In that singularity no joint velocity draws the hand towards the shoulder to first order, so
+    that the QP would stand still. Redundant joints bend the elbow without moving the hand.
+    """
+    elbow, straight, rate = 3, np.deg2rad(0.5), 0.1  # [rad], [rad/s]; guessed
+    if V is None or not np.abs(q[elbow]) < straight:
+        return qd_preferred
+    out = np.array([np.cos(q[0]) * np.sin(q[1]), np.sin(q[0]) * np.sin(q[1]), np.cos(q[1])])
+    if not V[3:] @ out < -0.5 * np.linalg.norm(V[3:]):
+        return qd_preferred
+    bent = np.array(qd_preferred, dtype=float)
+    bent[elbow] = rate if q[elbow] > 0.0 else -rate
+    return bent

@@ -106,6 +106,24 @@ def test_redundant_motion_follows_the_preferred_velocity():
     np.testing.assert_allclose(qd, 0.3 * null, atol=1e-6)
 
 
+@pytest.mark.parametrize("bend_deg", [0.0, 0.2, -0.2, 1.0])
+def test_a_straight_arm_draws_back(bend_deg):
+    """In any direction in which it is stretched; outwards it stays as it is."""
+    for q0, q1 in [(0.0, 90.0), (40.0, 60.0), (-100.0, 80.0)]:
+        q = np.deg2rad([q0, q1, 0.0, -bend_deg, 0.0, 0.0, 0.0])
+        start, qd = pose_and_jacobian(q)[0][:3, 3].copy(), np.zeros(7)
+        way = start - [0.0, 0.0, IIWA_7.link_steps[0]]
+        V = np.concatenate([np.zeros(3), -0.1 * way / np.linalg.norm(way)])
+        for _ in range(400):
+            qd = SAFETY.velocity(q, np.zeros(7), pose_and_jacobian(q)[1], V, qd_last=qd)
+            q = q + OPTIONS.period * qd
+        moved = pose_and_jacobian(q)[0][:3, 3] - start
+        assert moved @ V[3:] > 0.1 * 0.08  # of 0.2 m
+    still = np.deg2rad([0.0, 90.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    J = pose_and_jacobian(still)[1]
+    np.testing.assert_allclose(SAFETY.velocity(still, np.zeros(7), J, -V), 0.0, atol=0.2)
+
+
 def test_a_request_that_is_too_fast_is_cut_per_joint():
     qd = SAFETY.velocity(HOME, np.array([10.0, 0, 0, 0, 0, 0, -10.0]))
     np.testing.assert_allclose(qd[[0, 6]], [CAPACITY[0], -CAPACITY[6]], atol=1e-9)
