@@ -42,10 +42,10 @@ class Spring(NamedTuple):
     max_torque: float
 
 
-#: A relaxed hand, a tensed hand, and the flange of a robot or a fixture on a conveyor. A human
-#: hand has 200 to 1000 N/m, by posture and co-contraction (Gomi and Osu, J. Neuroscience 18(21),
-#: 1998), and a wrist of the order of 3 to 10 Nm/rad. A flange is as stiff as the simulated arm at
-#: its hand: 6000 Nm/rad at a lever of 0.7 m.
+#: A relaxed hand, a tensed hand, and the flange of a robot or a fixture on a conveyor. Those of
+#: hands are choices: posture and co-contraction change a human hand's stiffness (Gomi and Osu,
+#: J. Neuroscience 18(21), 1998; figures not verified at the source). A flange is as stiff as the
+#: simulated arm at its hand: 6000 Nm/rad at a lever of 0.7 m.
 SPRINGS = {
     Compliance.SOFT: Spring(300.0, 3.0, 20.0, 2.0),
     Compliance.STIFF: Spring(1000.0, 10.0, 30.0, 3.0),

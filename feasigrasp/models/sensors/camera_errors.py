@@ -44,10 +44,10 @@ class Material(NamedTuple):
     length: float
 
 
-#: Materials by name. Published are pictures and orders, no figures for these cameras at 0.3 m
-#: (Halmetschlager-Funek et al., "An empirical evaluation of ten depth cameras", RAM 2019): matt
-#: surfaces are whole, dark and shiny ones have holes, transparent ones are mostly lost. The shares
-#: are choices in that order.
+#: Materials by name. Shares and lengths are choices, guessed; of the literature only the order:
+#: matt surfaces are whole, dark and shiny ones have holes, transparent ones are mostly lost
+#: (Halmetschlager-Funek et al., "An empirical evaluation of ten depth cameras", RAM 2019; not
+#: verified at the source).
 MATERIALS = {
     "matt": Material(0.0, 0.004),
     "dark": Material(0.1, 0.006),

@@ -1,12 +1,13 @@
 """Errors of the joint sensors of an iiwa: encoders, and torques that only contact explains.
 
-KUKA's data sheet of the LBR iiwa gives an axis-specific torque accuracy of +-2 % (of the largest
-torque); the position sensors of its ancestor, DLR's LWR III, resolve 0.01 deg. Where in that band
-an axis errs is drawn: half of it is constant, half goes with the sine of the joint angle, as what a
-model of the arm's weight leaves does. Noise and zero of the encoders are not published: 0.5 %
-is what is left of the ripple of harmonic drives (Chawda and Niemeyer, "Toward torque control of a
-KUKA LBR iiwa for physical human-robot interaction", IROS 2017), and 0.02 deg moves the hand by
-0.5 mm, a choice.
+All sizes are choices. A torque errs by up to 2 % of the largest one, the order of the torque
+accuracy in KUKA's data sheet of the LBR iiwa; encoders resolve 0.01 deg, the order of the arm's
+ancestor, DLR's LWR III (neither figure verified at the source). Where in that band an axis errs is
+drawn: half of it is constant, half goes with the sine of the joint angle, as what a model of the
+arm's weight leaves does. A noise of 0.5 % stands for what is left of the periodic ripple of the
+gears, which Chawda and Niemeyer describe ("Toward torque control of a KUKA LBR iiwa for physical
+human-robot interaction", IROS 2017; the size is not theirs). Zeros off by 0.02 deg move the hand by
+0.5 mm.
 
 Left out: friction, elasticity of the joints, drift with temperature, the ripple's frequency, and
 the time that the arm's own observer takes.
