@@ -45,7 +45,8 @@ def test_it_runs_every_combination_and_sums_up(fake_runs, tmp_path):
     assert {"command", "git", "seed", "versions", "machine", "rows"} <= set(summary)
     assert "--objects mug,ball" in summary["command"]
     row = rows_of(tmp_path)["all/all/safe", "dynamic.held_percent"]
-    assert set(row) == {"name", "preset", "value", "low", "high", "unit", "n"}
+    assert set(row) == {"name", "preset", "value", "low", "high", "unit", "n", "tuned"}
+    assert row["tuned"] is True  # constants were chosen on built-in objects
     assert row["value"] == pytest.approx(200.0 / 3.0) and row["n"] == 24
 
     with (tmp_path / "runs.csv").open() as file:

@@ -24,7 +24,7 @@ def planned(*arguments):
 def test_there_is_one_run_for_every_row_of_the_tables():
     runs = planned()
     rows = {(r.name, r.scenario.control.controller, r.scenario.control.mode) for r in runs}
-    assert len(rows) == len(runs) == 6 * 2 * 3 + 5 * (3 * 2) + 2 + 4 * 2
+    assert len(rows) == len(runs) == 6 * 2 * 3 + 2 * (5 * 3 + 4 + 2)
     for run in runs:
         assert run.scenario.random_seed == 0
         if not run.scenario.grasp.close:
