@@ -226,12 +226,12 @@ def _held_so_far(records: Iterable[Record | None]) -> str:
 
 
 def _is_whole(record: Record, form: Record) -> bool:
-    """Whether a record has all that such a one has, and its process came to its end."""
+    """Whether a record has all that its form has, is of that run, and its process came to its end."""
     figures = [(record.get(part), form[part]) for part in ("metrics", "timings")]
     return (
         record.keys() >= form.keys()
         and all(isinstance(found, dict) and found.keys() >= of.keys() for found, of in figures)
-        and all(isinstance(record[k], str) for k in ("scenario", "object", "controller", "mode"))
+        and all(record[k] == form[k] for k in ("scenario", "object", "controller", "mode", "seed"))
         and isinstance(record["error"], str | None)
         and record["timings"]["wall_s"] is not None
     )
