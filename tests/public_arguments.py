@@ -32,7 +32,7 @@ from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.reach import Reachability
 from feasigrasp.models.robot import IIWA_7, ParallelGripper
-from feasigrasp.models.sensors import DepthNoise
+from feasigrasp.models.sensors import MATERIALS, CameraErrors, DepthNoise
 from feasigrasp.models.shape import complete_shape, fit_gpdf, fit_scene
 from feasigrasp.models.tracking import Camera, FieldTrack, ObjectView, SequenceTracker
 from feasigrasp.recordings import CameraInfo, DepthFrame, read_depth_folder, recorded
@@ -141,7 +141,9 @@ class Examples:
         np.save(files["cloud"], cloud)
         mesh = load_object("ball")
         self.instances = {
+            "CameraErrors": CameraErrors(DepthNoise(), 0, (20, 30)),
             "DepthNoise": DepthNoise(),
+            "Material": MATERIALS["shiny"],
             "FusedCloud": FusedCloud(cloud, cloud, 0.003, 1, False, cloud, np.ones(len(cloud))),
             "JointControlOptions": JointControlOptions(),
             "SafetyFilter": SafetyFilter(gripper=gripper),
@@ -221,6 +223,12 @@ class Examples:
             "CompletedField.ray_exits.directions": -cloud, "max_length": 0.1,
             "start_length": 0.002, "poses": poses, "body_points": ball(9), "far": 0.1,
             "cloud": seen, "noise_variance": 0.0025, "margin": 0.01,
+            # sensors
+            "noise": DepthNoise(), "CameraErrors.seed": 0, "CameraErrors.size": (20, 30),
+            "factor": 2.0,
+            "CameraErrors.fixed.depth": np.full((20, 30), 0.4), "material": MATERIALS["shiny"],
+            "CameraErrors.fixed.poses": (np.eye(4), np.eye(4)),
+            "CameraErrors.fixed.on_object": np.ones((20, 30), dtype=bool),
             # tracking
             "before": FieldTrack(), "view": view, "time": 1.0, "silence": 1.0,
             "second": lambda: None,

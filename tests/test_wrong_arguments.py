@@ -47,6 +47,8 @@ LEGAL = {
     "*.enforced.*:infinite": "the same",
     "*.in_view.qd:NaN": "the same; handed on without a camera",
     "*.in_view.qd:infinite": "the same",
+    "CameraErrors.fixed.depth:NaN": "a pixel without depth",
+    "CameraErrors.fixed.depth:infinite": "the same",
     "DepthNoise.apply.depth:*": "an image of any size; 0, NaN and infinity stand for no depth",
     "*.far:infinite": "no bound",
     "*.max_*:infinite": "no bound",

@@ -21,18 +21,29 @@ what is behind it; the field repeats, after 43 correlation lengths.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtri
 
+from feasigrasp.errors import CameraError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Floats, Mask
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.sensors.depth_noise import DepthNoise, FixedErrors, correlated
+from feasigrasp.models.quantities import POSE, ArrayOf, Count, Positive, Share, Whole
+from feasigrasp.models.sensors.depth_noise import (
+    DepthNoise,
+    FixedErrors,
+    checked_intrinsics,
+    correlated,
+)
 
 
-class Material(NamedTuple):
+@dataclass(frozen=True)
+class Material:
     """A surface as a stereo camera sees it.
 
     Attributes:
@@ -40,8 +51,12 @@ class Material(NamedTuple):
         length: Correlation length of the holes [m].
     """
 
-    holes: float
-    length: float
+    holes: Share
+    length: Positive
+
+    def __post_init__(self) -> None:
+        """Checks the values; raises `CameraError`."""
+        check_fields(self, CameraError)
 
 
 #: Materials by name. Shares and lengths are choices, guessed; of the literature only the order:
@@ -70,13 +85,17 @@ _CAMERA = 2**41
 class CameraErrors:
     """The errors of one camera that stay."""
 
-    def __init__(self, noise: DepthNoise, seed: int, size: tuple[int, int]) -> None:
+    @checked(CameraError)
+    def __init__(self, noise: DepthNoise, seed: Whole, size: tuple[Count, Count]) -> None:
         """Draws the errors.
 
         Args:
             noise: Their sizes.
             seed: Of the camera.
             size: Height and width of its images [px].
+
+        Raises:
+            CameraError: An argument of another type or range.
         """
         rng = np.random.default_rng([seed, _CAMERA])
         self._noise = noise
@@ -85,32 +104,40 @@ class CameraErrors:
         self._pattern = correlated(rng.standard_normal(size), _PATTERN)
         self._field = _periodic_field(rng)
 
+    @checked(CameraError)
     def fixed(
         self,
-        depth: Floats,
-        intrinsics: tuple[float, float, float, float],
-        poses: tuple[Array, Array],
-        on_object: Mask,
+        depth: Annotated[Array, ArrayOf(("h", "w"), "m", finite=False)],
+        intrinsics: Annotated[ArrayLike, ArrayOf(("...",), "px")],
+        poses: tuple[Annotated[Array, POSE], Annotated[Array, POSE]],
+        on_object: Annotated[Mask, ArrayOf(("h", "w"), dtype=np.bool_)],
         material: Material,
     ) -> FixedErrors:
         """The errors of an image.
 
         Args:
             depth: True depths, shape (h, w) [m].
-            intrinsics: fx, fy, cx, cy [px].
+            intrinsics: fx, fy, cx, cy or a matrix K (3, 3) [px].
             poses: Of the camera in the world and in the object, X_WC and X_OC, shape (4, 4) each.
             on_object: Which pixels show the object, shape (h, w).
             material: Of the object; the world is matt.
+
+        Raises:
+            CameraError: An argument of another type, shape or range, or an image of another size.
         """
+        if depth.shape != self._pattern.shape:
+            raise CameraError(
+                f"CameraErrors.fixed: depth has shape {depth.shape}; give {self._pattern.shape}"
+            )
         materials = (MATERIALS["matt"], material)
         share = np.clip([self._noise.holes * m.holes for m in materials], 0.0, 1.0)
         lengths = np.array([(self._noise.texture, m.length) for m in materials])
         error, holes = self._pattern.copy(), np.zeros(depth.shape, dtype=bool)
         _surface_kernel(
-            np.ascontiguousarray(depth, dtype=float),
-            np.ascontiguousarray(on_object),
-            intrinsics,
-            np.ascontiguousarray(np.array(poses), dtype=float),
+            depth,
+            on_object,
+            checked_intrinsics(intrinsics),
+            np.array(poses, dtype=float),
             (self._field, _CELLS / lengths, -ndtri(share)),
             error,
             holes,
