@@ -141,11 +141,29 @@ def test_an_empty_folder_is_refused_in_one_line(tmp_path, capsys):
     assert "there are no depth images" in capsys.readouterr().err
 
 
-def test_a_table_that_is_taken_for_the_object_is_named_with_the_mend(recording, tmp_path, capsys):
-    argv = ["track", "--folder", str(recording), "--poses", str(tmp_path / "p.txt")]
-    assert cli.main(argv) == 2
+@pytest.mark.parametrize(
+    ("around", "reason"), [(None, "no object was found"), (30, "is one plane")]
+)
+def test_a_table_with_the_object_in_one_piece_is_named_with_the_mend(
+    recording, tmp_path, capsys, around, reason
+):
+    """A table is too large for an object; a part of it with what stands there is not."""
+    (tmp_path / "depth").mkdir()
+    for name in ("camera.json", "groundtruth.txt"):
+        (tmp_path / name).write_text((recording / name).read_text())
+    for file in sorted((recording / "depth").glob("*.png"))[:3]:
+        depth = np.array(Image.open(file))
+        if around is not None:
+            left, top, right, bottom = box_about(np.array([0.0, 0.0, -0.03]))
+            seen = np.zeros_like(depth)
+            rows = slice(max(top - around, 0), bottom + around)
+            columns = slice(max(left - around, 0), right + around)
+            seen[rows, columns] = depth[rows, columns]
+            depth = seen
+        Image.fromarray(depth).save(tmp_path / "depth" / file.name)
+    assert cli.main(["track", f"--folder={tmp_path}", f"--poses={tmp_path / 'p.txt'}"]) == 2
     said = capsys.readouterr().err
-    assert "is one plane" in said and "--on-table" in said and "--box" in said
+    assert reason in said and "--on-table" in said and "--box" in said
     assert not (tmp_path / "p.txt").exists()
 
 
