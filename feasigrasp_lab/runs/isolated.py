@@ -226,7 +226,7 @@ def _held_so_far(records: Iterable[Record | None]) -> str:
 
 
 def _is_whole(record: Record, form: Record) -> bool:
-    """Whether a record has all that its form has and is of its run, whose process came to its end."""
+    """Whether a record has the parts of its form, is of its run, and came to its end."""
     figures = [(record.get(part), form[part]) for part in ("metrics", "timings")]
     return (
         record.keys() >= form.keys()
