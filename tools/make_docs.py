@@ -36,7 +36,7 @@ Public names, [scenario keys](#scenario-keys), [command options](#command-option
 """
 NAMES = """## Public names
 
-All other names may change without notice. Docstrings have shapes, units, frames and errors.
+Names of `feasigrasp` are also in the packages that define them. All other names may change without notice. Docstrings have shapes, units, frames and errors.
 """
 KEYS = """## Scenario keys
 
@@ -88,11 +88,14 @@ def summary(thing: object) -> str:
 
 
 def public_names() -> Iterator[str]:
-    """A section for each package."""
+    """A section for each package, without what the front door has."""
+    front = import_module("feasigrasp").__all__
     for face in faces():
         module = import_module(face)
         rows = []
         for name in module.__all__:
+            if name in front and face != "feasigrasp":
+                continue
             thing = getattr(module, name)
             module_too = " (module)" if isinstance(thing, ModuleType) else ""
             rows.append(f"| `{name}`{module_too} | {summary(thing)} |\n")
