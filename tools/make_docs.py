@@ -36,7 +36,8 @@ Public names, [scenario keys](#scenario-keys), [command options](#command-option
 """
 NAMES = """## Public names
 
-Names of `feasigrasp` are also in the packages that define them. All other names may change without notice. Docstrings have shapes, units, frames and errors.
+Names of `feasigrasp` are also in the packages that define them. All other names may change without
+notice. Docstrings have shapes, units, frames and errors.
 """
 KEYS = """## Scenario keys
 

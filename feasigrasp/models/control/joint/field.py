@@ -17,9 +17,11 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_exp
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: Bounds of the length scale [rad], and its ratio to the median nearest-neighbour spacing.
+#: Bounds of the length scale [rad], and its ratio to the median nearest-neighbour spacing. Source:
+#: guessed.
 MIN_LENGTH_SCALE, MAX_LENGTH_SCALE, SPACING_RATIO = 0.03, 0.2, 0.4
-#: Variance of the noise that keeps the matrix of solutions that coincide regular.
+#: Variance of the noise that keeps the matrix of solutions that coincide regular. Source:
+#: numerical.
 NOISE_VARIANCE = 1e-6
 
 _FAST = {"reassoc", "contract", "nsz", "arcp"}

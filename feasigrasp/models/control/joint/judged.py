@@ -16,8 +16,9 @@ from feasigrasp.models.ik.self_motion import inside_limits_kernel, travel_time_k
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
-# Step of arm angle at which costs are compared [rad]; how far their lowest point may be away, in
-# steps; and the least that they count as bent between them [s].
+#: Step of arm angle at which costs are compared [rad]; how far their lowest point may be away, in
+#: steps; and the least that they count as bent between them [s]. Source: guessed, numerical,
+#: numerical.
 _STEP, _MOST_STEPS, _LEAST_BEND = 0.08, 4.0, 1e-3
 
 

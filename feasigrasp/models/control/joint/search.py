@@ -29,12 +29,13 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
 #: A solution counts nothing if going there is longer than the best by this number of length scales.
+#: Source: numerical.
 IRRELEVANT = 12.0
-#: Grasps whose solutions are looked for at one update, once some are known.
+#: Grasps whose solutions are looked for at one update, once some are known. Source: numerical.
 GRASPS_AT_ONCE = 12
-#: Grasps count as the same if no entry of their poses differs by more.
+#: Grasps count as the same if no entry of their poses differs by more. Source: numerical.
 SAME_GRASP = 1e-9
-# Largest rate of the length scale [rad/s].
+#: Largest rate of the length scale [rad/s]. Source: guessed.
 _LENGTH_SCALE_RATE = 0.2
 
 

@@ -23,7 +23,7 @@ from feasigrasp.models.grasps.approach_corridor import standoff_kernel
 from feasigrasp.models.ik.self_motion import inside_limits_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: Solutions that count less than this are not fed forward.
+#: Solutions that count less than this are not fed forward. Source: numerical.
 _NEGLIGIBLE = 1e-4
 
 

@@ -23,7 +23,7 @@ from feasigrasp.models.reach.kernels import Search
 from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: Two solutions of one grasp are at least this distance apart [rad].
+#: Two solutions of one grasp are at least this distance apart [rad]. Source: guessed.
 APART = 1.0
 
 

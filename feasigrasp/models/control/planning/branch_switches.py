@@ -20,11 +20,11 @@ from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
-#: Points at which a transfer is looked at on its way.
+#: Points at which a transfer is looked at on its way. Source: numerical.
 _ON_THE_WAY = 3
-#: No transfer keeps the hand closer to the object than this, on average [m].
+#: No transfer keeps the hand closer to the object than this, on average [m]. Source: guessed.
 _CLOSEST = 0.02
-#: Added to the cost of a candidate that cannot be reached within the horizon.
+#: Added to the cost of a candidate that cannot be reached within the horizon. Source: numerical.
 _LATE = 1e6
 
 
@@ -46,6 +46,7 @@ class BranchSwitch(NamedTuple):
     angle: int
 
 
+#: No switch: its cost is infinite. Source: layout.
 _NO_SWITCH = BranchSwitch(np.inf, -1, -1, -1, -1)
 
 

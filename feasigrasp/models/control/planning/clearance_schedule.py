@@ -35,9 +35,10 @@ from feasigrasp.models.robot.kinematics import (
 # (`feasigrasp.models.grasps.hand_clearance`). A hand that kept off it all the same would hover
 # before the rim for ever.
 
-#: A hand no farther than this from its nearest grasp is on its way into it [m], [rad].
+#: A hand no farther than this from its nearest grasp is on its way into it [m], [rad]. Source:
+#: guessed.
 _NEAR, _LINED_UP = 0.12, 0.4
-#: What a turn of the hand counts as, beside its way [m/rad].
+#: What a turn of the hand counts as, beside its way [m/rad]. Source: guessed.
 _LEVER = 0.1
 
 
@@ -61,12 +62,15 @@ def obstacle_surface(grid: ObstacleGrid, X_OH: Array, X_OG: Array, hand: Array) 
     return grid.seen if (distance < 0.0).any() else grid
 
 
-#: Extra clearance: this share of the hand's standoff, and at most this distance [m].
+#: Extra clearance: this share of the hand's standoff, and at most this distance [m]. Source:
+#: guessed.
 _SHARE, _MOST = 0.2, 0.01
 #: Nearer than this to the middle between its pads, the object is between the fingers [m]; a hand
-#: that is turned by more from each of its grasps is not there for any of them [rad].
+#: that is turned by more from each of its grasps is not there for any of them [rad]. Source:
+#: guessed.
 _BETWEEN, _MISALIGNED = 0.015, 1.6
-#: Nearer than this, a hand that is to go elsewhere steps back first [m], so fast [m/s].
+#: Nearer than this, a hand that is to go elsewhere steps back first [m], so fast [m/s]. Source:
+#: guessed.
 _CLOSE, _BACK_SPEED = 0.05, 0.15
 
 

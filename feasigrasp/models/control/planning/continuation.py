@@ -18,9 +18,10 @@ from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Time over which a velocity is taken [s]; its error is of the order of the squared angle that the
-#: object turns meanwhile.
+#: object turns meanwhile. Source: numerical.
 _INSTANT = 1e-5
-#: Number of steps that shorten the way back from a grasp until no limit is in the way.
+#: Number of steps that shorten the way back from a grasp until no limit is in the way. Source:
+#: numerical.
 _BACKS = 4
 
 

@@ -22,6 +22,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import manipulability_kernel
 
 #: Scores below this count as this, and a grasp counts as rarer than the densest by no more [nat].
+#: Source: guessed.
 LEAST_SCORE, RAREST = 0.05, 15.0
 
 

@@ -28,9 +28,9 @@ from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 # on one side of the hand.
 
 #: With this share of the known surface in the image a grasp is worth all that it was; with less, in
-#: proportion, but never less than this share of it.
+#: proportion, but never less than this share of it. Source: guessed.
 _ENOUGH, _LEAST = 0.6, 0.05
-#: Points of the surface that are looked at, at most.
+#: Points of the surface that are looked at, at most. Source: numerical.
 _POINTS = 150
 
 
@@ -62,15 +62,16 @@ def rated_by_view(grasps: GraspSet, points_O: Array, X_GC: Array, camera: Camera
 
 
 #: Half of the cone's opening, and the share that is added of what the object's apparent radius is
-#: larger than that of one as far away as it is first seen [rad].
+#: larger than that of one as far away as it is first seen [rad]. Source: guessed.
 _HALF_OPENING, _OF_RADIUS, _FAR_RADIUS = np.deg2rad(22.0), 0.8, np.deg2rad(18.0)
-#: From the first speed on the cone is wider, at the second by this half [m/s, rad].
+#: From the first speed on the cone is wider, at the second by this half [m/s, rad]. Source:
+#: guessed.
 _QUICK, _QUICKEST, _WIDER = 0.3, 0.5, np.deg2rad(12.0)
-#: g, the rate at which the edge may be approached [1/s].
+#: g, the rate at which the edge may be approached [1/s]. Source: guessed.
 _RATE = 3.0
-#: No faster than this does the object come back from outside the cone [rad/s].
+#: No faster than this does the object come back from outside the cone [rad/s]. Source: guessed.
 _FASTEST = 1.0
-#: Nearer than this to the camera's axis it has no direction to move in [rad].
+#: Nearer than this to the camera's axis it has no direction to move in [rad]. Source: numerical.
 _ON_AXIS = 1e-3
 
 

@@ -32,28 +32,31 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.shape.gpdf import Gpdf
 
 #: Without any grasp in reach the hand waits so long before it looks elsewhere, and so long after
-#: that before it looks from the next side [s].
+#: that before it looks from the next side [s]. Source: guessed.
 WAITS, WAITS_AGAIN = 1.0, 0.4
-#: It gets on if the way becomes so much shorter [m], or by this share of it.
+#: It gets on if the way becomes so much shorter [m], or by this share of it. Source: guessed.
 _PROGRESS, _PROGRESS_SHARE = 0.02, 0.3
-#: What a turn of the hand counts as, beside its way [m/rad].
+#: What a turn of the hand counts as, beside its way [m/rad]. Source: guessed.
 _LEVER = 0.1
 #: Over this time without a good grasp it falls by e how good one has to be [s]. Chosen on seeds 4
 #: and 5 of ReachCircular by camera: with 10 s hands waited where 2 s let them come near and see
-#: more.
+#: more. Source: measured.
 _RELAXES = 2.0
 #: Grasps this near to one that was not come by [m], [rad] are given up with it, for so long [s].
+#: Source: guessed.
 _LIKE_IT, _FORGOTTEN = np.array([0.03, 0.5]), 15.0
-#: A look takes no longer than this, and this long beside the way there [s].
+#: A look takes no longer than this, and this long beside the way there [s]. Source: guessed.
 _LONGEST, _DWELL = 5.0, 0.8
-#: Directions that are considered, and the camera's distance from a small object there [m].
+#: Directions that are considered, and the camera's distance from a small object there [m]. Source:
+#: guessed.
 _DIRECTIONS, _DISTANCE = 40, 0.36
 #: A surface point farther than this from all that was seen is unseen [m]; it would be seen by a
-#: camera that is no farther than this from the direction of its normal [cos].
+#: camera that is no farther than this from the direction of its normal [cos]. Source: guessed.
 _UNOBSERVED, _FACING = 0.012, 0.3
-#: Directions this near to one that was looked from are no other side [cos].
+#: Directions this near to one that was looked from are no other side [cos]. Source: guessed.
 _SAME_SIDE = 0.85
-#: What a side is worth in which nothing is known to be unseen, as a share of the surface.
+#: What a side is worth in which nothing is known to be unseen, as a share of the surface. Source:
+#: guessed.
 _CURIOSITY = 0.1
 
 

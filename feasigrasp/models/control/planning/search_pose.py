@@ -22,20 +22,22 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
-#: An object that was not seen for so long is looked for [s].
+#: An object that was not seen for so long is looked for [s]. Source: guessed.
 SEARCH_AFTER = 0.25
-#: Distance of the camera from what it looks for [m].
+#: Distance of the camera from what it looks for [m]. Source: guessed.
 _DISTANCE = 0.38
-#: The camera looks from where it is, from the base, or from between: shares of the latter.
+#: The camera looks from where it is, from the base, or from between: shares of the latter. Source:
+#: guessed.
 _FROM_BASE = (0.0, 0.4, 1.0)
-#: Directions and distances [m] to look from where none of these can be reached.
+#: Directions and distances [m] to look from where none of these can be reached. Source: guessed.
 _ALL_ROUND, _DISTANCES = sphere_points(24, 1.0), (0.3, _DISTANCE, 0.46)
-#: Turns about the camera's axis that are tried.
+#: Turns about the camera's axis that are tried. Source: numerical.
 _ROLLS = 6
 #: The view begins to circle when the object has been out of sight so long [s], once in so long [s],
-#: and so quickly farther out [rad/s], up to this [rad].
+#: and so quickly farther out [rad/s], up to this [rad]. Source: guessed.
 _CIRCLES_AFTER, _CIRCLE_PERIOD, _WIDENS, _WIDEST = 1.5, 4.0, 0.08, 0.35
 #: Share of the speed that joints may have, and rate at which the way that is left decreases [1/s].
+#: Source: guessed.
 SPEED_SHARE, _GAIN = 0.5, 3.0
 
 

@@ -14,17 +14,18 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: A torque above this share of a joint's limit is a touch: a choice, more than what is left of
-#: twice the published error of an iiwa (`feasigrasp.models.sensors.joint_errors`).
+#: twice the published error of an iiwa (`feasigrasp.models.sensors.joint_errors`). Source:
+#: reasoned.
 THRESHOLD = 0.03
 #: What stays of a torque without a touch is the sensor's own error: it is followed with this time
-#: constant [s], longer than contacts last and shorter than the arm takes to turn.
+#: constant [s], longer than contacts last and shorter than the arm takes to turn. Source: reasoned.
 _ZEROING = 1.0
-#: Time constant of the low-pass filter in front of it [s].
+#: Time constant of the low-pass filter in front of it [s]. Source: guessed.
 _SMOOTHING = 0.01
-#: The arm gives way so long after the last touch [s], and so fast [m/s].
+#: The arm gives way so long after the last touch [s], and so fast [m/s]. Source: guessed.
 _YIELDS_FOR, _SPEED = 0.2, 0.1
 #: Entries of the state: filtered torque (7), torque of the touch (7), time that is left, touches,
-#: the sensor's own error (7), how long that has been measured [s].
+#: the sensor's own error (7), how long that has been measured [s]. Source: layout.
 TOUCHES, _ZERO, TOUCH_STATE = (
     2 * IIWA_7.joints + 1,
     2 * IIWA_7.joints + 2,

@@ -45,8 +45,9 @@ from feasigrasp.models.ik.self_motion import arm_angle
 from feasigrasp.models.reach.reachability import Reachability
 
 #: A grasp this close to the chosen one is taken for it when grasps are sampled anew [m, rad].
+#: Source: guessed.
 SAME_GRASP = np.array([0.012, 0.25])
-#: Of a grasp that is better than the chosen one by far, the weight is e to this.
+#: Of a grasp that is better than the chosen one by far, the weight is e to this. Source: numerical.
 _MOST = 50.0
 
 

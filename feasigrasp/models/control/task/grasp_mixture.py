@@ -22,15 +22,15 @@ from feasigrasp.models.mixtures.fit import fit_best_mixture
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
 #: No grasp lies farther than this from all means, so that no component straddles symmetric grasps
-#: [rad].
+#: [rad]. Source: guessed.
 MAX_ROTATION = np.deg2rad(75.0)
-#: A component is the one before if its mean moved less than this, in metres.
+#: A component is the one before if its mean moved less than this, in metres. Source: guessed.
 SAME_COMPONENT = 0.05
-#: A mixture explains a grasp whose squared Mahalanobis distance to a component is below this (it
-#: is for all but 1 in 25,000 grasps that a component made); if it explains less than half of the
-#: grasps, there is nothing to go on from.
+#: A mixture explains a grasp whose squared Mahalanobis distance to a component is below this (it is
+#: for all but 1 in 25,000 grasps that a component made); if it explains less than half of the
+#: grasps, there is nothing to go on from. Source: reasoned.
 EXPLAINED = 30.0
-#: A medoid gives way to a member that is e to this more plausible.
+#: A medoid gives way to a member that is e to this more plausible. Source: guessed.
 MEDOID_HYSTERESIS = 1.0
 
 

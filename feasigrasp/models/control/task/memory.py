@@ -18,7 +18,8 @@ from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 
 #: How long a grasp of the object can still be followed after it has left the set [s]. It mostly
-#: leaves because it will be out of reach before long: no reason to drop everything at once.
+#: leaves because it will be out of reach before long: no reason to drop everything at once. Source:
+#: reasoned.
 GRACE = 1.0
 
 

@@ -32,11 +32,13 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
-#: The arm angle changes no faster than this [rad/s], and in no less time than this [s].
+#: The arm angle changes no faster than this [rad/s], and in no less time than this [s]. Source:
+#: guessed.
 _ARM_ANGLE_SPEED, _SHORTEST = 0.8, 0.6
-#: A velocity beyond this multiple of the joints' limits is not followed.
+#: A velocity beyond this multiple of the joints' limits is not followed. Source: guessed.
 _TOO_FAST = 3.0
-#: If the arm angle of the plan is farther away than this, the arm goes there at once [s].
+#: If the arm angle of the plan is farther away than this, the arm goes there at once [s]. Source:
+#: guessed.
 _FAR = 0.4
 
 

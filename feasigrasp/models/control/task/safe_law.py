@@ -63,7 +63,7 @@ from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 #
 # and is begun anew at every tick, with what is known of the object by then.
 
-#: Time over which the velocity of an object at a meeting is taken [s].
+#: Time over which the velocity of an object at a meeting is taken [s]. Source: numerical.
 _INSTANT = 0.01
 
 
@@ -103,14 +103,16 @@ def interception_velocity(
 
 #: A hand at the object that is deeper than its target by this goes back rather than sideways or
 #: round, and only back from twice as much on: otherwise it would be stopped by the object [m].
+#: Source: guessed.
 _DEEP = 0.02
 #: A hand this close to the object's middle goes round it, wherever it is due [m]; one that is twice
-#: as far away goes straight.
+#: as far away goes straight. Source: guessed.
 _BESIDE = 0.15
 #: An object up to this quick is run after, which keeps it in the camera's view; one that is twice
-#: as quick is met [m/s].
+#: as quick is met [m/s]. Source: guessed.
 _QUICK = 0.2
 #: What is left of the way in this time is followed, not met; twice as long before, it is met [s].
+#: Source: guessed.
 _SOONEST = 0.15
 
 

@@ -30,9 +30,9 @@ from feasigrasp.models.geometry.se3_kernels import (
     log_kernel,
 )
 
-#: Metres that count as much as one radian in comparing poses.
+#: Metres that count as much as one radian in comparing poses. Source: guessed.
 LENGTH_PER_RADIAN = 0.1
-#: Bandwidth of the density per error of the hand.
+#: Bandwidth of the density per error of the hand. Source: guessed.
 SHARPNESS = 0.15
 
 
