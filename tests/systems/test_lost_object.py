@@ -16,7 +16,7 @@ START, DURATION, SILENCE = 0.9, 1.3, 0.4
 @pytest.mark.parametrize("controller", ["task", "joint"])
 def test_it_rests_half_a_second_after_the_stated_silence_and_goes_on_after(controller):
     text = (
-        f"{{random_seed: 0, object: {{model: soup_can}}, control: {{controller: {controller}}}, "
+        f"{{random_seed: 1, object: {{model: soup_can}}, control: {{controller: {controller}}}, "
         f"tracker: {{silence: {SILENCE}}}, grasp: {{close: false}}, "
         f"faults: [!PoseNan {{start: {START}, duration: {DURATION}}}]}}"
     )
@@ -42,7 +42,7 @@ def test_it_rests_half_a_second_after_the_stated_silence_and_goes_on_after(contr
 def test_with_the_camera_alone_it_looks_for_the_object_and_goes_on_when_it_is_back(controller):
     start, duration = 1.0, 2.5
     text = (
-        f"{{random_seed: 0, object: {{model: soup_can}}, control: {{controller: {controller}}}, "
+        f"{{random_seed: 1, object: {{model: soup_can}}, control: {{controller: {controller}}}, "
         f"grasp: {{close: false}}, faults: [!CameraGone {{start: {start}, duration: {duration}}}]}}"
     )
     scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)

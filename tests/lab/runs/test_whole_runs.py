@@ -58,10 +58,10 @@ def test_grasps_are_as_old_as_views_and_holds_make_them(held):
     x = dict(zip(SAMPLE_NAMES, held.samples, strict=True))
     first = np.flatnonzero(x["reachable_grasps"] > 0)[0]
     assert held.times[first] == pytest.approx(0.22) == x["view_age"][first]
-    early = (held.times > 0.21) & (held.times < 1.59)  # before it has seen enough of a side
+    early = (held.times > 0.21) & (held.times < 1.09)  # before it has seen enough of a side
     assert 0.5 < x["view_age"][early].max() < 0.71
     newer = held.times[early][1:][np.diff(x["view_age"][early]) < 0.0]
-    assert len(newer) == 2 and np.all((newer > [0.6, 1.1]) & (newer < [0.73, 1.23]))
+    assert len(newer) == 1 and 0.6 < newer[0] < 0.73
     metrics = held.record["metrics"]
     assert 0.2 < metrics["grasp_age_s_mean"] < metrics["grasp_age_s_max"] < 6.0
 
