@@ -12,12 +12,12 @@ import numpy as np
 
 from feasigrasp.errors import CameraError, GraspError, ScenarioError
 from feasigrasp.models.choices import ControlSpace, Span, metadata_of, nearest
-from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.robot.gripper import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.plugins import plugins
+from feasigrasp.scenario.cameras import check_cameras
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.drake_keys import SPANS, WORDS
 from feasigrasp.scenario.faults import check_faults
@@ -34,16 +34,6 @@ from feasigrasp.scenario.schema import (
 
 #: Models of the cell that no obstacle may be named like.
 RESERVED = ("iiwa", "gripper", "camera", "table", "object", "world")
-#: Names of Drake's renderers; the empty word is its default.
-_RENDERERS = ("", "RenderEngineVtk", "RenderEngineGl", "RenderEngineGltfClient")
-#: Numbers of which the first must be less.
-_ORDERED = (
-    ("clipping_near", "clipping_far"),
-    ("z_near", "z_far"),
-)
-#: Numbers of which the first must not be greater.
-_NOT_GREATER = (("clipping_near", "z_near"), ("z_far", "clipping_far"))
-
 
 #: What the entries of ``camera_noise`` may be.
 _NOISE = metadata_of(DepthNoise) | metadata_of(HandEyeError)
@@ -68,7 +58,7 @@ def check_scenario(scenario: Scenario) -> None:
     check_faults(scenario.faults)
     _check_steps(scenario)
     _check_vectors(scenario)
-    _check_cameras(scenario)
+    check_cameras(scenario)
     _check_distractor_bodies(scenario)
     _check_law(scenario)
     _check_standoff(scenario)
@@ -215,64 +205,6 @@ def _check_distractor_bodies(scenario: Scenario) -> None:
         )
 
 
-def _check_cameras(scenario: Scenario) -> None:
-    looking = scenario.perception.camera
-    if looking not in scenario.cameras:
-        raise ScenarioError(
-            f"perception.camera is {looking!r}, but cameras has "
-            f"{', '.join(scenario.cameras) or 'none'}{nearest(looking, scenario.cameras)}"
-        )
-    if not any(getattr(scenario.cameras[looking], image) for image in ("rgb", "depth", "label")):
-        raise ScenarioError(
-            f"cameras.{looking} has neither rgb nor depth nor label, so that Drake leaves it out, "
-            "but it is perception.camera; make one of them true"
-        )
-    _check_second_camera(scenario)
-    for name, camera in scenario.cameras.items():
-        for pairs, verb in ((_ORDERED, "less than"), (_NOT_GREATER, "at most")):
-            for low, high in pairs:
-                small, great = getattr(camera, low), getattr(camera, high)
-                if not (small < great or (small == great and verb == "at most")):
-                    raise ScenarioError(
-                        f"cameras.{name}.{low} is {small}; it must be {verb} {high}, {great} m"
-                    )
-        _check_focal(name, camera.focal)
-        renderer = camera.renderer_class
-        if isinstance(renderer, str) and renderer not in _RENDERERS:
-            raise ScenarioError(
-                f"cameras.{name}.renderer_class is {renderer!r}; choose one of "
-                f"{', '.join(filter(None, _RENDERERS))}{nearest(renderer, _RENDERERS)}"
-            )
-
-
-def _check_second_camera(scenario: Scenario) -> None:
-    config = scenario.perception
-    second = config.second_camera
-    if not second:
-        return
-    others = [name for name in scenario.cameras if name != config.camera]
-    if second not in others:
-        raise ScenarioError(
-            f"perception.second_camera is {second!r}, but beside perception.camera cameras has "
-            f"{', '.join(others) or 'none'}{nearest(second, others)}"
-        )
-    by_depth = config.segmentation == Segmentation.DEPTH
-    if scenario.tracker.kind != TrackerKind.CAMERA or not by_depth:
-        raise ScenarioError(
-            f"perception.second_camera is {second!r}, but the object is not tracked in images; "
-            "give tracker: {kind: camera} and perception: {segmentation: depth}, or leave it out"
-        )
-
-
-def _check_focal(name: str, focal: Any) -> None:
-    for axis in ("x", "y"):
-        angle = getattr(focal, axis)
-        if type(focal).__name__ == "FovDegrees" and angle is not None and angle >= 180.0:
-            raise ScenarioError(f"cameras.{name}.focal.{axis} is {angle}; give less than 180 deg")
-    if focal.x is None and focal.y is None:
-        raise ScenarioError(f"cameras.{name}.focal is empty; give x, y or both")
-
-
 def _check_law(scenario: Scenario) -> None:
     """Only ``safe`` mode plans and is slowed down; settings are for parts that packages add."""
     config = scenario.control
@@ -304,7 +236,7 @@ def _check_unenforced(config: ControlConfig) -> None:
             f"control.speed is {config.speed:g}, but mode {config.mode} enforces no limit; give "
             "control.mode: safe, or control.speed: 1"
         )
-    for name in ("density", "score", "prediction"):
+    for name in ("density", "score", "prediction", "planning_time"):
         value, ours = getattr(config, name), getattr(ControlConfig(), name)
         if value != ours:
             raise ScenarioError(

@@ -34,7 +34,7 @@ SPANS: dict[str, Span] = {
     "cameras.*.background.rgba": Span(0.0, 1.0),
     "cameras.*.fps": Span(0.1, 1000.0, "Hz"),
     "cameras.*.capture_offset": Span(0.0, 10.0, "s"),
-    "cameras.*.output_delay": Span(0.0, 10.0, "s"),
+    "cameras.*.output_delay": Span(0.0, 0.4, "s"),  # of half a second, poses are remembered
     **{
         f"cameras.*.{frame}.{key}": span
         for frame in ("X_PB", "X_BC", "X_BD")

@@ -160,7 +160,8 @@ class PerceptionConfig:
             the surroundings; ``auto``, the latter where an arm is commanded by its driver's
             messages, else the former.
         period: Time between views [s].
-        latency: Time from a view to its grasps [s], where the cell is simulated.
+        latency: Time from the exposure of a view to its grasps [s], where the cell is simulated.
+            It contains the ``output_delay`` of the camera.
         preset: ``default``, or ``paper`` for the paper's field, a plugin of ``fields``.
         max_points: Points that the field is fitted to.
         length_scale: Length scale of the field's kernel [m].
@@ -258,6 +259,9 @@ class ControlConfig:
         mode: ``safe`` enforces limits and clearances. To compare with, ``paper`` (the paper's law
             as printed) and ``corrected`` (with our corrections) enforce nothing.
         period: Control period [s].
+        planning_time: From the instant of which the controller plans until the plan takes effect
+            [s], where the cell is simulated; less than ``reachability.period``. The safety filter,
+            at the control period, waits for no plan. For ``safe`` mode.
         speed: Share of the arm's velocity limits that may be used, in (0, 1]; nothing exceeds it,
             plans reckon with it, and lift and shaking take as much longer. Accelerations, and
             with them braking, keep their limits. For ``safe`` mode; on hardware 0.25 by default.
@@ -278,6 +282,7 @@ class ControlConfig:
     controller: str = word(ControlSpace.TASK, controller_names())
     mode: str = word(SAFE, mode_names())
     period: float = key(0.005, 0.0005, 0.05, "s")
+    planning_time: float = key(0.0, 0.0, 1.0, "s")
     speed: float = key(1.0, 0.01, 1.0, "of the velocity limits")
     gain: float | None = key(None, 1e-09, 1000.0, "1/s")
     feed_forward: bool = True

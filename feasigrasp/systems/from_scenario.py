@@ -107,7 +107,9 @@ def make_foreground_segmentation(
         mask = make_named(Part.SEGMENTATION, own, camera)
     if mask is not None:
         return MaskSegmentation(mask, camera, bodies)
-    return ForegroundSegmentation(camera, bodies, scenario.carrier.hue)
+    return ForegroundSegmentation(
+        camera, bodies, scenario.carrier.hue, period=scenario.tracker.image_period
+    )
 
 
 def make_object_pixels(scenario: Scenario, name: str = "") -> SegmentPointCloud:

@@ -36,7 +36,14 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import Motion, MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.quantities import CONFIGURATION, JACOBIAN, JOINT_RATES, TWIST, Positive
+from feasigrasp.models.quantities import (
+    CONFIGURATION,
+    JACOBIAN,
+    JOINT_RATES,
+    TWIST,
+    NotNegative,
+    Positive,
+)
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
@@ -48,6 +55,7 @@ from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.controller_inputs import ControllerInputs
 from feasigrasp.systems.ports import (
     Cached,
+    ObjectState,
     PeriodicState,
     declare_cache,
     declare_input,
@@ -193,6 +201,8 @@ class GraspController(LeafSystem):
             {at.ticket() for at in (whole, self._position, self._grasps, self._pose)},
         )
         self._memory = PeriodicState(self, memory, period, self._updated)
+        self._in_effect = ObjectState(self, memory)
+        self._planning_time = 0.0
         self._search_pose = PeriodicState(self, None, period, self._search)
         self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, weakly(self._calc))
         self.DeclareVectorOutputPort(
@@ -230,15 +240,35 @@ class GraspController(LeafSystem):
         """
         return None
 
+    @checked(ControlError)
+    def take_time(self, planning_time: NotNegative) -> None:
+        """Lets what `update` returns take effect so much later [s]; the safety filter never waits.
+
+        To be called once, before the controller is part of a diagram.
+
+        Raises:
+            ControlError: It is not less than the time between updates.
+        """
+        if not planning_time < self.period:
+            raise ControlError(
+                f"control.planning_time is {planning_time:g} s; give less than {self.period:g} s, "
+                "the time between updates, reachability.period"
+            )
+        self._planning_time = planning_time
+        if planning_time > 0.0:
+            self._in_effect.every(self, self.period, planning_time, self._memory.Eval)
+
+    @checked(ControlError)
     def memory(self, context: Context) -> Any:
-        """The result of the last `update`, here or at the source of ``plan``."""
+        """The result of the last `update` in effect, here or at the source of ``plan``."""
+        own = self._in_effect if self._planning_time > 0.0 else self._memory
         planned = optional(self._plan, context)
-        return self._memory.Eval(context) if planned is None else planned
+        return own.Eval(context) if planned is None else planned
 
     @property
     def memory_tickets(self) -> set[DependencyTicket]:
         """Dependency tickets of outputs that depend on the memory."""
-        return {self._memory.ticket(), self._plan.ticket()}
+        return {self._memory.ticket(), self._in_effect.ticket(), self._plan.ticket()}
 
     @checked(ControlError)
     def enforced(
@@ -347,10 +377,9 @@ class GraspController(LeafSystem):
         return MovingObject(inputs.surface, inputs.X_WO, inputs.V_WO)
 
     def _updated(self, context: Context) -> Any:
-        memory = self.memory(context)
         if self._plan.HasValue(context):
-            return memory
-        return self.update(memory, ControllerInputs(self, context))
+            return self.memory(context)
+        return self.update(self._memory.Eval(context), ControllerInputs(self, context))
 
     def _search(self, context: Context) -> Array | None:
         """The configuration from which the arm looks for the object; None if it does not."""

@@ -34,6 +34,7 @@ from feasigrasp.systems.from_scenario import (
     make_view_filter,
     uses_eye_in_hand_tracking,
 )
+from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.monitoring.camera_pictures import CameraPictures
@@ -75,8 +76,9 @@ class Cell:
         mask: The function that segments images; None for what the scenario says.
         signals: Sources that the table of connections names by one word. ``measured_pose``,
             ``cloud``, ``labels``, ``field`` and ``velocity`` are ports behind the scenario's
-            faults; ``color``, ``hand_camera``, ``hand_phase``, ``remote_stamp`` and ``second_...``
-            are there where this scenario needs them.
+            faults; ``exposed`` is when the last view was taken; ``color``, ``hand_camera``,
+            ``hand_phase``, ``remote_stamp`` and ``second_...`` are there where this scenario needs
+            them.
     """
 
     builder: DiagramBuilder
@@ -201,7 +203,10 @@ def add_perception(
         cell.add("pose_at_view", PoseAt(cell.scenario.control.period))
     if cell.remote:
         cell.signal("remote_stamp", cell.camera_port("stamp"))
-    cell.signal("field", cell.faults.field(field.GetOutputPort("gpdf")))
+    gpdf = field.GetOutputPort("gpdf")
+    cell.signal("field", cell.faults.field(gpdf))
+    if cell.signals["field"] is gpdf and field.HasOutputPort("view_time"):
+        cell.signal("exposed", field.GetOutputPort("view_time"))
     if by_depth:
         cell.signal("color", _color_image(cell))
         if config.second_camera:
@@ -305,6 +310,8 @@ def add_control(
     cell.add("contact_sense", ContactSense(scenario.plant_config.time_step))
     cell.add("drive", make_drive(scenario))
     cell.add("controller", controller)
+    if safe and cell.simulated and planner is None and isinstance(controller, GraspController):
+        controller.take_time(scenario.control.planning_time)
     static = make_static_grid(scenario) if safe else None
     if static is not None and controller.HasInputPort("static_obstacles"):
         cell.add("static_obstacles", ConstantValueSource(AbstractValue.Make(static)))
@@ -320,7 +327,10 @@ def add_status(cell: Cell) -> None:
 def add_measurement(cell: Cell) -> None:
     """Adds what reads the truth, and the logs of what arm and drive do."""
     if cell.scenario.tracker.kind == TrackerKind.CAMERA:  # whose frame is that of its first view
-        cell.add("true_frame", TrueFrame(cell.station.plant.time_step()))
+        step = cell.station.plant.time_step()
+        cell.add("true_frame", TrueFrame(step))
+        if cell["tracker"].HasOutputPort("stamp"):
+            cell.add("true_pose_at_view", PoseAt(step))
     never = np.array([np.nan])
     cell.add("view_time(latency)", cell.late(never))
     # No `ZeroOrderHold`: of a vector it sees what is made at its ticks, of a set of grasps not yet.

@@ -103,6 +103,7 @@ class PointCloudToGPDF(LeafSystem):
         name: PointCloudToGPDF
         input_ports:
         - point_cloud
+        - image_time
         - object_pose
         - camera_pose
         - tracking
@@ -113,8 +114,9 @@ class PointCloudToGPDF(LeafSystem):
         - view_time
         - view_faults
 
-    ``point_cloud`` shows the object only, in the world frame W; ``object_pose`` X_WO and
-    ``camera_pose`` X_WC are ``RigidTransform``. ``tracking`` is a `Tracking` and may be left open:
+    ``point_cloud`` shows the object only, in the world frame W, at ``image_time`` (V1) [s], NaN
+    before the first image, or now if that is left open; ``object_pose`` X_WO and ``camera_pose``
+    X_WC of that instant are ``RigidTransform``. ``tracking`` is a `Tracking` and may be left open:
     while it says that the object is lost, the pose is worth nothing, and no view is compared with
     it. So may ``outline``, an `Outline` in the camera's axes or None, without which all that is
     beside the cloud is taken for free. ``gpdf`` is a `Gpdf` in the object frame O, or None before
@@ -182,6 +184,7 @@ class PointCloudToGPDF(LeafSystem):
         self._views_per_side, self._revisit, self._check = views_per_side, revisit, check
         self._min_points = min_points
         self._cloud = declare_input(self, "point_cloud", PointCloud())
+        self._image_time = self.DeclareVectorInputPort("image_time", 1)
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._tracking = declare_input(self, "tracking", Tracking.of_age(0.0, np.inf))
@@ -200,7 +203,10 @@ class PointCloudToGPDF(LeafSystem):
         p_OC = X_OW @ X_WC.translation()
         if not (np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()):
             return seen.without(ViewFault.UNKNOWN_POSE)
-        time = context.get_time()
+        stamped = self._image_time.HasValue(context)
+        time = float(self._image_time.Eval(context)[0] if stamped else context.get_time())
+        if not np.isfinite(time):
+            return seen
         adds_information = seen.views.adds_information(
             p_OC, time, self._views_per_side, self._revisit
         )

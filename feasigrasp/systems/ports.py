@@ -149,21 +149,24 @@ class Cached:
         return self._ticket
 
 
-class PeriodicState:
-    """A Python object that is state of a system, made anew every ``period`` seconds.
+class ObjectState:
+    """A Python object that is state of a system.
 
     It is read as ports are, by ``Eval``, and is a prerequisite of others by its ``ticket``.
     """
 
-    def __init__(self, system: LeafSystem, initial: Any, period: float, update: Calc) -> None:
-        """Declares the state; ``update`` returns what it is from then on."""
+    def __init__(self, system: LeafSystem, initial: Any) -> None:
+        """Declares the state."""
         index = system.DeclareAbstractState(to_value(initial))
         self._index, self._ticket = int(index), system.abstract_state_ticket(index)
+
+    def every(self, system: LeafSystem, period: float, offset: float, update: Calc) -> None:
+        """Updates it every ``period`` seconds from ``offset`` on to what ``update`` returns."""
 
         def advance(context: Context, state: State) -> None:
             state.get_mutable_abstract_state(self._index).set_value(_stored(update(context)))
 
-        system.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, _kept_by(system, advance))
+        system.DeclarePeriodicUnrestrictedUpdateEvent(period, offset, _kept_by(system, advance))
 
     def Eval(self, context: Context) -> Any:
         """The object at present."""
@@ -172,6 +175,15 @@ class PeriodicState:
     def ticket(self) -> DependencyTicket:
         """Dependency ticket."""
         return self._ticket
+
+
+class PeriodicState(ObjectState):
+    """An `ObjectState` that is made anew every ``period`` seconds."""
+
+    def __init__(self, system: LeafSystem, initial: Any, period: float, update: Calc) -> None:
+        """Declares the state; ``update`` returns what it is from then on."""
+        super().__init__(system, initial)
+        self.every(system, period, 0.0, update)
 
 
 def weakly(method: Callable[..., Any]) -> Callable[..., Any]:

@@ -15,6 +15,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 #: The object's pose when the image was taken.
 _POSE_AT_VIEW = "tracker.pose_at_view | pose_at_view.pose | tracker.object_pose"
 _POSITION = "station.iiwa.position_measured"
+_FINGERS = "station.gripper.state_measured"
 
 #: What a controller is given, and a planner in a process of its own.
 _CONTROLLER = {
@@ -43,8 +44,9 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "point_cloud": "cloud",
         "color_image": "color",
         "camera_pose": "camera.pose",
+        "image_time": "camera.stamp",
         "position": f"camera.position | {_POSITION}",
-        "gripper_state": "station.gripper.state_measured",
+        "gripper_state": f"camera.gripper_state | {_FINGERS}",
         "object_pose": _POSE_AT_VIEW,
         "tracking": "tracker.tracking",
         "gpdf": "field",
@@ -54,8 +56,9 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "point_cloud": "second.point_cloud",
         "color_image": "second_color",
         "camera_pose": "second.pose",
+        "image_time": "second.stamp",
         "position": f"second.position | {_POSITION}",
-        "gripper_state": "station.gripper.state_measured",
+        "gripper_state": f"second.gripper_state | {_FINGERS}",
         "object_pose": _POSE_AT_VIEW,
         "tracking": "tracker.tracking",
         "gpdf": "field",
@@ -93,7 +96,8 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "second_image_time": "second.stamp",
         "second_camera_pose": "second.pose",
         "second_position": f"second.position | {_POSITION}",
-        "gripper_state": "station.gripper.state_measured",
+        "gripper_state": f"camera.gripper_state | {_FINGERS}",
+        "second_gripper_state": f"second.gripper_state | {_FINGERS}",
         "perceived": "perception.perceived",
         "gpdf": "field",
         "phase": "hand_phase",
@@ -102,6 +106,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
     "perception": {
         "point_cloud": "segmentation.point_cloud",
         "outline": "segmentation.outline",
+        "image_time": "camera.stamp",
         "camera_pose": "camera.pose",
         "object_pose": _POSE_AT_VIEW,
         "tracking": "tracker.tracking",
@@ -116,7 +121,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
     },
     # The completed surface -> grasps -> those that the hand can take now.
     "sampler": {"gpdf": "field"},
-    "latency": {"u": "sampler.grasps | perception.grasps"},
+    "latency": {"u": "sampler.grasps | perception.grasps", "stamp": "exposed"},
     "carrying": {"grasps": "latency.y", "object_pose": "tracker.object_pose"},
     "clear_grasps": {
         "grasps": "carrying.grasps | latency.y",
@@ -154,7 +159,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "perceived": "perception.perceived",
         "position": _POSITION,
         "camera_pose": "hand_camera",
-        "gripper_state": "station.gripper.state_measured",
+        "gripper_state": _FINGERS,
         "lapsed": "lapsed.sum",
         "arrival": "controller.arrival",
     },
@@ -188,8 +193,13 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "touches": "contact_sense.touches",
         "lapsed": "lapsed.sum",
     },
-    "true_frame": {"object_pose": "station.object.pose", "tracked_pose": "tracker.object_pose"},
-    "view_time(latency)": {"u": "perception.view_time"},
+    "true_pose_at_view": {"pose": "station.object.pose", "stamp": "tracker.stamp"},
+    "true_frame": {
+        "object_pose": "station.object.pose",
+        "pose_at_view": "true_pose_at_view.pose | station.object.pose",
+        "tracked_pose": "tracker.object_pose",
+    },
+    "view_time(latency)": {"u": "perception.view_time", "stamp": "exposed"},
     "view_time(reachable)": {"u": "view_time(latency).y"},
     "metrics": {
         "state": "station.iiwa.state_estimated",

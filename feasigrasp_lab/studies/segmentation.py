@@ -6,6 +6,7 @@ A command that was interrupted goes on after its last object.
 from __future__ import annotations
 
 import argparse
+from copy import deepcopy
 from operator import itemgetter
 
 import numpy as np
@@ -42,7 +43,9 @@ def first_mask_iou(scenario: Scenario) -> float:
     Args:
         scenario: Object, motion, seed, camera and its errors.
     """
-    station, camera = make_station(scenario), scenario.perception.camera
+    scenario, camera = deepcopy(scenario), scenario.perception.camera
+    scenario.cameras[camera].output_delay = 0.0  # so that the first image is there at once
+    station = make_station(scenario)
     foreground = make_foreground_segmentation(scenario, load_gripper(scenario.gripper))
     at_start, context = station.CreateDefaultContext(), foreground.CreateDefaultContext()
     cloud = station.GetOutputPort(f"{camera}.point_cloud").Eval(at_start)

@@ -5,6 +5,7 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
+from feasigrasp.errors import ControlError
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -118,3 +119,32 @@ def test_commands_are_finite_and_inside_every_bound_in_random_states(make, seed)
         assert np.all((lower - 1e-9 <= qd) & (qd <= upper + 1e-9))
         moved += bool(np.any(qd))
     assert moved > 0
+
+
+class Counter(GraspController):
+    """Remembers how often it was updated."""
+
+    def update(self, memory, inputs):
+        return memory + 1
+
+    def velocity(self, memory, inputs):
+        return self.enforced(np.full(7, 0.01 * memory), inputs)
+
+
+def test_a_plan_takes_effect_after_the_planning_time():
+    """And the command is computed meanwhile, at any instant, by the plan before it."""
+
+    def planner(reachability):
+        dut = Counter(reachability, 0)
+        dut.take_time(0.03)
+        return dut
+
+    bench = Bench(planner)
+    for t, plans in ((0.02, 0), (0.029, 0), (0.031, 1), (0.129, 1), (0.131, 2), (0.331, 4)):
+        bench.advance(t)
+        np.testing.assert_allclose(bench.command(), 0.01 * plans)
+
+
+def test_planning_that_takes_longer_than_the_time_between_updates_is_refused():
+    with pytest.raises(ControlError, match=r"planning_time is 0.1 s; give less than 0.1 s"):
+        Counter(REACH, 0).take_time(0.1)

@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from feasigrasp.systems.ports import PeriodicState, declare_output, evaluate
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, evaluate
 from feasigrasp.systems.stages.delay import Delay
 
 PERIOD = 0.005
@@ -29,8 +29,25 @@ class Maker(LeafSystem):
         y.SetFromVector([np.nan if made < 0 else float(made)])
 
 
-def arrivals(times, latency, kind, duration, period=PERIOD):
-    """When each value is first seen behind a delay [s], by value; looked at after each tick."""
+class Stamps(LeafSystem):
+    """When that was taken of which the present value is made."""
+
+    def __init__(self, times, age):
+        super().__init__()
+        self._stamps = np.array(times) - age
+        self._made = declare_input(self, "made")
+        self.DeclareVectorOutputPort("stamp", 1, self._calc)
+
+    def _calc(self, context, stamp):
+        made = evaluate(self._made, context)
+        stamp.SetFromVector([np.nan if made < 0 else self._stamps[made]])
+
+
+def arrivals(times, latency, kind, duration, period=PERIOD, age=None):
+    """When each value is first seen behind a delay [s], by value; looked at after each tick.
+
+    With an age [s], each is of something that was that old when it was made.
+    """
     initial = np.array([np.nan]) if kind == "vector" else None
     builder = DiagramBuilder()
     maker, delay = (
@@ -38,6 +55,10 @@ def arrivals(times, latency, kind, duration, period=PERIOD):
         builder.AddSystem(Delay(initial, latency, period)),
     )
     builder.Connect(maker.GetOutputPort(kind), delay.GetInputPort("u"))
+    stamps = builder.AddSystem(Stamps(times, age or 0.0))
+    builder.Connect(maker.GetOutputPort("object"), stamps.get_input_port())
+    if age is not None:
+        builder.Connect(stamps.get_output_port(), delay.GetInputPort("stamp"))
     simulator, found = Simulator(builder.Build()), {}
     for k in range(round(duration / PERIOD) + 1):
         simulator.AdvanceTo(k * PERIOD)
@@ -60,6 +81,14 @@ def test_every_value_arrives_latency_after_it_was_made(kind, latency):
     np.testing.assert_allclose(
         [found[k] for k in range(len(made))], np.add(made, latency), atol=1e-9
     )
+
+
+@pytest.mark.parametrize(("age", "wait"), [(0.06, 0.04), (0.3, 0.005)])
+def test_the_latency_counts_from_the_stamp(age, wait):
+    """From the exposure, that is; what has taken longer is there as soon as it is noticed."""
+    made = [0.0, 0.1, 0.31]
+    found = arrivals(made, 0.1, "object", duration=1.0, age=age)
+    np.testing.assert_allclose([found[k] for k in range(3)], np.add(made, wait), atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["object", "vector"])

@@ -22,6 +22,8 @@ from feasigrasp_lab.studies.segmentation import first_mask_iou, intersection_ove
 FILE = diagram_path("dynamic.scenarios.yaml")
 CAMERA = Camera((60.0, 60.0, 31.5, 23.5), 64, 48, 0.1, 0.007)
 DEPTH = "{perception: {segmentation: depth}}"
+#: Of a camera whose images are there at once, so that there is one at the start.
+AT_ONCE = "{cameras: {wrist_camera: {output_delay: 0.0}}}"
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +140,9 @@ def masks(diagram, context, *others):
     ],
 )
 def test_the_first_mask_of_a_carried_object_has_next_to_nothing_of_the_carrier(name, model):
-    diagram = make_dynamic_grasp(load_scenario(FILE, name, f"{{object: {{model: {model}}}}}"))
+    diagram = make_dynamic_grasp(
+        load_scenario(FILE, name, f"{{object: {{model: {model}}}}}", AT_ONCE)
+    )
     station = diagram.GetSubsystemByName("station")
     of_object, of_carrier = station.object_label, station.plant.num_bodies()
     context = diagram.CreateDefaultContext()
@@ -150,7 +154,7 @@ def test_the_first_mask_of_a_carried_object_has_next_to_nothing_of_the_carrier(n
 def test_a_hand_whose_hue_is_not_known_is_taken_for_a_part_of_what_it_holds():
     """What it cannot do, see docs/limitations.md."""
     text = "{object: {model: soup_can}, carrier: {hue: null}}"
-    diagram = make_dynamic_grasp(load_scenario(FILE, "ReachLinearCarried", text))
+    diagram = make_dynamic_grasp(load_scenario(FILE, "ReachLinearCarried", text, AT_ONCE))
     carrier = diagram.GetSubsystemByName("station").plant.num_bodies()
     mask, (wrong,) = masks(diagram, diagram.CreateDefaultContext(), carrier)
     assert wrong > 0.3 * np.count_nonzero(mask)

@@ -86,6 +86,7 @@ class FieldTrack(Frozen):
             inf if it is not.
         motion: State of the filter that predicts, see `feasigrasp.models.objects.pose_filter`.
         measured_motion: The same at the last image that a pose was got from.
+        delay: How much later than it was taken the last image was there [s].
     """
 
     image_time: Instant = -np.inf
@@ -103,6 +104,7 @@ class FieldTrack(Frozen):
     unknown_since: Instant = np.inf
     motion: Annotated[Array, _STATE] = field(default_factory=empty_state)
     measured_motion: Annotated[Array, _STATE] = field(default_factory=empty_state)
+    delay: Bound = 0.0
 
     def __post_init__(self) -> None:
         """Checks what it is made of."""
@@ -113,12 +115,16 @@ class FieldTrack(Frozen):
         """Time of the last image that a pose was got from [s]; NaN before."""
         return np.nan if self.measured is None else self.measured.time
 
+    def age(self, time: float) -> float:
+        """Age of the last measured pose at a time, beyond the delay of the images [s]."""
+        return time - self.measured_at - self.delay
+
     @checked()
     def state(self, time: float, silence: Bound) -> TrackingState:
         """Tracking state at a time."""
         if self.estimate is None:
             return TrackingState.SEARCHING
-        age = time - self.measured_at
+        age = self.age(time)
         if age >= silence:
             return TrackingState.LOST
         # An object whose surface is known no better than this is not tracked, though some is seen

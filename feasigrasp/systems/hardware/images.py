@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from drake import lcmt_image, lcmt_image_array
@@ -18,8 +19,6 @@ from pydrake.systems.sensors import (
     ImageDepth16U,
     ImageDepth32F,
     ImageLabel16I,
-    ImageToLcmImageArrayT,
-    PixelType,
 )
 
 from feasigrasp.systems.hardware import channels
@@ -119,39 +118,79 @@ def publish_images(
     *,
     mask: bool,
 ) -> None:
-    """Publishes a camera's depth at its frame rate, and a mask if there is to be one."""
-    images = builder.AddNamedSystem(f"{name}_message", ImageToLcmImageArrayT(do_compress=True))
-    depth = builder.AddNamedSystem(f"{name}_depth", _Millimetres(camera))
-    sources = [(depth, "depth_image", PixelType.kDepth16U)]
+    """Publishes a camera's depth at its frame rate, and a mask if there is to be one.
+
+    A message is sent when the image is there, with the time of its exposure.
+    """
+    message = builder.AddNamedSystem(f"{name}_message", _ImageMessage(camera, mask=mask))
+    builder.Connect(
+        station.GetOutputPort(f"{name}.depth_image"), message.GetInputPort("depth_image")
+    )
+    if station.HasOutputPort(f"{name}.stamp"):
+        builder.Connect(station.GetOutputPort(f"{name}.stamp"), message.GetInputPort("stamp"))
     if mask:
         labels = _Mask(camera, station.object_label, station.robot_and_object_labels())
         builder.AddNamedSystem(f"{name}_mask", labels)
-        sources.append((labels, "label_image", PixelType.kLabel16I))
-    for system, output, kind in sources:
-        builder.Connect(station.GetOutputPort(f"{name}.{output}"), system.get_input_port())
-        port = images.DeclareImageInputPort[kind](output)
-        builder.Connect(system.get_output_port(), port)
+        builder.Connect(station.GetOutputPort(f"{name}.label_image"), labels.get_input_port())
+        builder.Connect(labels.get_output_port(), message.GetInputPort("label_image"))
     channel = channels.image_channel(name)
     publisher = LcmPublisherSystem.Make(
-        channel, lcmt_image_array, lcm, publish_period=1.0 / camera.fps, use_cpp_serializer=True
+        channel,
+        lcmt_image_array,
+        lcm,
+        publish_period=1.0 / camera.fps,
+        publish_offset=camera.capture_offset + camera.output_delay,
+        use_cpp_serializer=False,
     )
     builder.AddNamedSystem(channel, publisher)
-    builder.Connect(images.image_array_t_msg_output_port(), publisher.get_input_port())
+    builder.Connect(message.get_output_port(), publisher.get_input_port())
 
 
-class _Millimetres(LeafSystem):
-    """Depth in whole millimetres, as depth cameras send it; 0 or 65535 where there is none."""
+class _ImageMessage(LeafSystem):
+    """The message with a depth image, in whole millimetres as depth cameras send it, and a mask.
 
-    def __init__(self, camera: CameraConfig) -> None:
+    Drake's own ``ImageToLcmImageArrayT`` stamps it with the time at which it is sent.
+    """
+
+    def __init__(self, camera: CameraConfig, *, mask: bool) -> None:
         super().__init__()
         size = camera.width, camera.height
-        self._size = size
+        self._compress = camera.do_compress
+        self._millimetres = ImageDepth16U(*size)
         self._depth = declare_input(self, "depth_image", ImageDepth32F(*size))
-        declare_output(self, "depth_image", self._calc, model=ImageDepth16U(*size))
+        self._labels = declare_input(self, "label_image", ImageLabel16I(*size)) if mask else None
+        self._stamp = self.DeclareVectorInputPort("stamp", 1)
+        declare_output(self, "message", self._calc, model=lcmt_image_array())
 
-    def _calc(self, context: Context) -> ImageDepth16U:
-        image = ImageDepth16U(*self._size)
-        ConvertDepth32FTo16U(self._depth.Eval(context), image)
+    def _calc(self, context: Context) -> lcmt_image_array:
+        stamped = self._stamp.HasValue(context)
+        time = self._stamp.Eval(context)[0] if stamped else context.get_time()
+        message = lcmt_image_array()
+        if not np.isfinite(time):  # before the first image
+            return message
+        ConvertDepth32FTo16U(self._depth.Eval(context), self._millimetres)
+        depth = lcmt_image.PIXEL_FORMAT_DEPTH, lcmt_image.CHANNEL_TYPE_UINT16
+        message.images = [self._image(*depth, self._millimetres.data)]
+        if self._labels is not None:
+            label = lcmt_image.PIXEL_FORMAT_LABEL, lcmt_image.CHANNEL_TYPE_INT16
+            message.images.append(self._image(*label, self._labels.Eval(context).data))
+        message.num_images = len(message.images)
+        message.header.utime = round(1e6 * time)
+        return message
+
+    def _image(self, pixel_format: int, channel_type: int, pixels: NDArray[Any]) -> lcmt_image:
+        image = lcmt_image()
+        image.height, image.width = pixels.shape[:2]
+        image.pixel_format, image.channel_type = pixel_format, channel_type
+        image.row_stride = image.width * pixels.itemsize
+        data = pixels.astype(pixels.dtype.newbyteorder("<")).tobytes()
+        image.data = zlib.compress(data) if self._compress else data
+        image.size = len(image.data)
+        image.compression_method = (
+            lcmt_image.COMPRESSION_METHOD_ZLIB
+            if self._compress
+            else lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED
+        )
         return image
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from drake import (
     lcmt_iiwa_command,
     lcmt_iiwa_status,
@@ -19,15 +18,11 @@ from pydrake.manipulation import (
     SchunkWsgCommandSender,
     SchunkWsgStatusReceiver,
 )
-from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import GetScopedFrameByName
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.perception import DepthImageToPointCloud
 from pydrake.systems.framework import (
-    Context,
     Diagram,
     DiagramBuilder,
-    LeafSystem,
     OutputPort,
     TriggerType,
 )
@@ -35,19 +30,16 @@ from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import Demultiplexer, Saturation
 from pydrake.systems.sensors import CameraConfig, PixelType
 
-from feasigrasp.errors import ScenarioError
-from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import station_config
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.images import RgbdReceiver
 from feasigrasp.systems.hardware.object_pose import ObjectPoseReceiver
-from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_models import add_cell
+from feasigrasp.systems.station.exposures import CameraPose
 from feasigrasp.systems.station.pose_at import PositionAt
 
 
@@ -73,16 +65,17 @@ class HardwareStation(Diagram):
         - <camera>.pose
         - <camera>.pose_now
         - <camera>.position
+        - <camera>.gripper_state
         - <camera>.stamp
 
     Of ``iiwa.desired_state`` (V14) the positions are sent, and nothing else: to the guard, which
     commands the arm. ``iiwa.velocity_estimated`` V7 [rad/s] and ``iiwa.torque_external`` V7 [Nm]
     are as the driver estimates them.
     ``object.pose`` is a measurement, made at ``object.stamp``. ``<camera>.pose`` X_WC follows from
-    the measured joints at the instant of the image, ``<camera>.position`` (V7); that instant is
-    ``<camera>.stamp``. ``<camera>.pose_now`` is where the camera is by ``iiwa.position_measured``.
-    Stamps are V1 [s], of the clock of the arm's status messages, which the diagram's time has to
-    follow.
+    the measured joints at the instant of the image, ``<camera>.position`` (V7), as
+    ``<camera>.gripper_state`` (V2) is the gripper's; that instant is ``<camera>.stamp``.
+    ``<camera>.pose_now`` is where the camera is by ``iiwa.position_measured``. Stamps are V1 [s],
+    of the clock of the arm's status messages, which the diagram's time has to follow.
 
     Attributes:
         plant: The cell without the object: the frames that cameras are mounted on.
@@ -109,16 +102,21 @@ class HardwareStation(Diagram):
         add_cell(self.plant, station_config(scenario))
         self.plant.Finalize()
         self._inbox, self._outbox = inbox, outbox
-        self._add_gripper(builder, load_gripper(scenario.gripper))
+        fingers = self._add_gripper(builder, load_gripper(scenario.gripper))
         position, measured_at = self._add_arm(builder)
         self._add_object(builder)
         for name, camera in scenario.cameras.items():
-            then = PositionAt(scenario.control.period, IIWA_7.joints)
-            builder.AddNamedSystem(f"{name}_position", then)
-            builder.Connect(position, then.GetInputPort("position"))
-            builder.Connect(measured_at, then.GetInputPort("measured_at"))
-            self._add_camera(builder, name, camera, then)
-            now = builder.AddNamedSystem(f"{name}_pose_now", _CameraPose(self.plant, name, camera))
+            images = self._add_images(builder, name, camera)
+            for port, measured in (("position", position), ("gripper_state", fingers)):
+                then = PositionAt(scenario.control.period, measured.size())
+                builder.AddNamedSystem(f"{name}_{port}", then)
+                builder.Connect(measured, then.GetInputPort("position"))
+                # The gripper's messages have no time on the arm's clock: they are of now.
+                builder.Connect(measured_at, then.GetInputPort("measured_at"))
+                builder.Connect(images.GetOutputPort("stamp"), then.GetInputPort("stamp"))
+                builder.ExportOutput(then.get_output_port(), f"{name}.{port}")
+            self._add_camera(builder, name, camera, images)
+            now = builder.AddNamedSystem(f"{name}_pose_now", CameraPose(self.plant, name, camera))
             builder.Connect(position, now.get_input_port())
             builder.ExportOutput(now.get_output_port(), f"{name}.pose_now")
         builder.BuildInto(self)
@@ -162,7 +160,8 @@ class HardwareStation(Diagram):
         builder.Connect(command.get_output_port(), self.request.get_input_port())
         return position, status.GetOutputPort("time_measured")
 
-    def _add_gripper(self, builder: DiagramBuilder, gripper: ParallelGripper) -> None:
+    def _add_gripper(self, builder: DiagramBuilder, gripper: ParallelGripper) -> OutputPort:
+        """Exports the gripper's ports; returns its measured state."""
         status = builder.AddNamedSystem("wsg_status", SchunkWsgStatusReceiver())
         kind = lcmt_schunk_wsg_status
         messages = self._messages(builder, channels.WSG_STATUS, kind, native=True)
@@ -183,6 +182,7 @@ class HardwareStation(Diagram):
         )
         builder.AddNamedSystem(channels.WSG_COMMAND, publisher)
         builder.Connect(command.get_output_port(), publisher.get_input_port())
+        return status.GetOutputPort("state")
 
     def _add_object(self, builder: DiagramBuilder) -> None:
         receiver = builder.AddNamedSystem("object_pose", ObjectPoseReceiver())
@@ -191,17 +191,20 @@ class HardwareStation(Diagram):
         builder.ExportOutput(receiver.GetOutputPort("pose"), "object.pose")
         builder.ExportOutput(receiver.GetOutputPort("stamp"), "object.stamp")
 
-    def _add_camera(
-        self, builder: DiagramBuilder, name: str, camera: CameraConfig, then: PositionAt
-    ) -> None:
-        """Exports a camera's ports; ``then`` gives the joints at the instant of its images."""
+    def _add_images(self, builder: DiagramBuilder, name: str, camera: CameraConfig) -> RgbdReceiver:
         receiver = RgbdReceiver(camera.width, camera.height)
         builder.AddNamedSystem(f"{name}_images", receiver)
         channel = channels.image_channel(name)
         messages = self._messages(builder, channel, lcmt_image_array, native=False)
         builder.Connect(messages, receiver.get_input_port())
-        builder.Connect(receiver.GetOutputPort("stamp"), then.GetInputPort("stamp"))
-        pose = builder.AddNamedSystem(f"{name}_pose", _CameraPose(self.plant, name, camera))
+        return receiver
+
+    def _add_camera(
+        self, builder: DiagramBuilder, name: str, camera: CameraConfig, receiver: RgbdReceiver
+    ) -> None:
+        """Exports what a camera shows, from its images and the joints at their instant."""
+        then = builder.GetSubsystemByName(f"{name}_position")
+        pose = builder.AddNamedSystem(f"{name}_pose", CameraPose(self.plant, name, camera))
         builder.Connect(then.get_output_port(), pose.get_input_port())
         cloud = DepthImageToPointCloud(pixel_centred_intrinsics(camera), PixelType.kDepth32F)
         builder.AddNamedSystem(f"{name}_point_cloud", cloud)
@@ -211,33 +214,3 @@ class HardwareStation(Diagram):
         for port in ("depth_image", "label_image", "stamp"):
             builder.ExportOutput(receiver.GetOutputPort(port), f"{name}.{port}")
         builder.ExportOutput(pose.get_output_port(), f"{name}.pose")
-        builder.ExportOutput(then.get_output_port(), f"{name}.position")
-
-
-class _CameraPose(LeafSystem):
-    """X_WC of a camera that is fixed to the flange or to the world, from the measured joints."""
-
-    def __init__(self, plant: MultibodyPlant, name: str, camera: CameraConfig) -> None:
-        super().__init__()
-        frame = GetScopedFrameByName(plant, camera.X_PB.base_frame)
-        flange = plant.GetFrameByName("iiwa_flange")
-        self._on_arm = frame.body() in plant.GetBodiesWeldedTo(flange.body())
-        if not self._on_arm and frame.body() not in plant.GetBodiesWeldedTo(plant.world_body()):
-            raise ScenarioError(
-                f"camera {name!r} is mounted on {camera.X_PB.base_frame!r}, which moves against "
-                "the flange; mount it on the flange, on what is welded to it, or in the world"
-            )
-        base = flange if self._on_arm else plant.world_frame()
-        context = plant.CreateDefaultContext()
-        X_PB = RigidTransform(camera.X_PB.GetDeterministicValue())
-        X_BP = frame.CalcPose(context, base)
-        self._X_BC: Array = (X_BP @ X_PB).GetAsMatrix4()
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
-        ticket = {self._position.ticket()}
-        declare_output(self, "pose", self._calc, ticket, model=RigidTransform())
-
-    def _calc(self, context: Context) -> RigidTransform:
-        if not self._on_arm:
-            return RigidTransform(self._X_BC)
-        q = self._position.Eval(context)
-        return RigidTransform(forward_kinematics(np.array(q), self._X_BC))

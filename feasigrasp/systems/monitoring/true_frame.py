@@ -18,12 +18,14 @@ class TrueFrame(LeafSystem):
         name: TrueFrame
         input_ports:
         - object_pose
+        - pose_at_view
         - tracked_pose
         output_ports:
         - frame_pose
 
-    ``object_pose`` is the true pose X_WB of the object's own frame, ``tracked_pose`` X_WO of the
-    one that the tracker chose at the first view, NaN before. Where O is on the object, X_BO, is
+    ``object_pose`` is the true pose X_WB of the object's own frame, ``pose_at_view`` the one at the
+    exposure of the image that was tracked last, and ``tracked_pose`` X_WO of the frame that the
+    tracker chose at the first view, NaN before. Where O is on the object, X_BO, is
     taken from both once, as soon as there is a tracked pose; from then on ``frame_pose`` is
     X_WB X_BO, whatever the tracker says: by it is judged how well the hand follows grasps that are
     in O. Before it is X_WB.
@@ -38,6 +40,7 @@ class TrueFrame(LeafSystem):
         """
         super().__init__()
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
+        self._at_view = declare_input(self, "pose_at_view", RigidTransform())
         self._tracked_pose = declare_input(self, "tracked_pose", RigidTransform())
         # Discrete: an abstract state would invalidate the caches of the whole diagram.
         self._gauge = self.DeclareDiscreteState(np.full(12, np.nan))
@@ -50,7 +53,7 @@ class TrueFrame(LeafSystem):
         X_WO = self._tracked_pose.Eval(context).GetAsMatrix4()
         if not np.isfinite(X_WO).all():
             return EventStatus.DidNothing()
-        X_BO = inverse_kernel(self._object_pose.Eval(context).GetAsMatrix4()) @ X_WO
+        X_BO = inverse_kernel(self._at_view.Eval(context).GetAsMatrix4()) @ X_WO
         state.get_mutable_vector().SetFromVector(X_BO[:3].ravel())
         return EventStatus.Succeeded()
 

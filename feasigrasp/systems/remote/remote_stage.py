@@ -71,7 +71,7 @@ class RemoteStage(LeafSystem):
         super().__init__()
         self.worker = Worker(make)
         weakref.finalize(self, self.worker.close)  # at the latest when Python ends
-        self._waits = latency is not None
+        self._latency = latency
         stage = make()
         self._given = [self._mirrored(port, stage) for port in inputs_of(stage)]
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
@@ -147,7 +147,7 @@ class RemoteStage(LeafSystem):
             stamp = float(self._stamp.Eval(context)[0])
             if not stamp > self._last_stamp:  # NaN is not, either
                 return EventStatus.DidNothing()
-        if not self._waits and self.worker.busy:
+        if self._latency is None and self.worker.busy:
             return EventStatus.DidNothing()
         self._last_stamp = stamp
         self._posted.append((time, stamp))
@@ -161,6 +161,11 @@ class RemoteStage(LeafSystem):
         return EventStatus.Succeeded()
 
     def _await(self, context: Context, state: State) -> EventStatus:
+        # Not every image that was due has come, and nothing is waited for that was not posted.
+        late = context.get_time() - self._latency + 1e-9
+        if not self._posted or self._posted[0][0] > late:
+            return EventStatus.DidNothing()
+        self._posted.popleft()
         answer = self.worker.next_answer()
         if not answer:
             return EventStatus.DidNothing()

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
-from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageLabel16I, ImageRgba8U
 
 from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.segmentation.camera_view import CameraView
@@ -22,7 +23,7 @@ from feasigrasp.models.segmentation.modeled_bodies import (
     in_color_gate,
 )
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.systems.ports import declare_input, declare_output, evaluate, to_value, weakly
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, evaluate
 
 
 class ForegroundSegmentation(LeafSystem):
@@ -33,6 +34,7 @@ class ForegroundSegmentation(LeafSystem):
         name: ForegroundSegmentation
         input_ports:
         - point_cloud
+        - image_time
         - camera_pose
         - position
         - gripper_state
@@ -43,18 +45,24 @@ class ForegroundSegmentation(LeafSystem):
         output_ports:
         - label_image
 
-    ``point_cloud`` is pixel-ordered and in the world frame W, ``camera_pose`` X_WC,
-    ``position`` V7 the measured joints [rad], ``gripper_state`` V2 the measured distance between
-    the pads [m] and its rate. ``object_pose`` X_WO and ``tracking`` come from the tracker, ``gpdf``
-    is the object's field in O, or None before there is one. ``color_image`` is of the same pixels,
-    and needed only where the carrier of the object is found by its hue. ``label_image`` holds a
-    `Label` for each pixel: it fits the port of the same name of `SegmentPointCloud` and
-    `PointCloudToScene` as a label image of the simulation does. The method is in
-    `models.segmentation.foreground`.
+    ``point_cloud`` is pixel-ordered and in the world frame W, taken at ``image_time`` (V1) [s], NaN
+    before the first image; without a time it is taken when it is read. Of the same instant are
+    ``camera_pose`` X_WC, ``position`` V7 the measured joints [rad], and ``gripper_state`` V2 the
+    measured distance between the pads [m] and its rate. ``object_pose`` X_WO and ``tracking`` come
+    from the tracker, ``gpdf`` is the object's field in O, or None before there is one.
+    ``color_image`` is of the same pixels, and needed only where the carrier of the object is found
+    by its hue. ``label_image`` holds a `Label` for each pixel: it fits the port of the same name of
+    `SegmentPointCloud` and `PointCloudToScene` as a label image of the simulation does. The method
+    is in `models.segmentation.foreground`.
     """
 
     def __init__(
-        self, camera: Camera, bodies: ModeledBodies, carrier_hue: float | None = None
+        self,
+        camera: Camera,
+        bodies: ModeledBodies,
+        carrier_hue: float | None = None,
+        *,
+        period: float = TrackerConfig.image_period,
     ) -> None:
         """A segmentation of the images of a camera.
 
@@ -62,10 +70,12 @@ class ForegroundSegmentation(LeafSystem):
             camera: The camera.
             bodies: What is known of robot and cell.
             carrier_hue: Hue of what carries the object [deg]; None without a color gate.
+            period: Time between looks for the first image [s].
         """
         super().__init__()
         self._camera, self._bodies, self._carrier_hue = camera, bodies, carrier_hue
         self._cloud = declare_input(self, "point_cloud", PointCloud())
+        self._image_time = self.DeclareVectorInputPort("image_time", 1)
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         self._gripper = self.DeclareVectorInputPort("gripper_state", 2)
@@ -75,9 +85,8 @@ class ForegroundSegmentation(LeafSystem):
         )
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
-        # Time and view at the start, for the detection of motion; None before.
-        self._first = self.DeclareAbstractState(to_value((None, None)))
-        self.DeclareInitializationUnrestrictedUpdateEvent(weakly(self._remember))
+        # Time and view of the first image, for the detection of motion; None before.
+        self._first = PeriodicState(self, (None, None), period, self._remember)
         declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))
         _compile(camera, bodies)
 
@@ -91,23 +100,27 @@ class ForegroundSegmentation(LeafSystem):
             )
         return CameraView(points, self._camera_pose.Eval(context).GetAsMatrix4())
 
-    def _remember(self, context: Context, state: State) -> EventStatus:
+    def _remember(self, context: Context) -> tuple[float | None, CameraView | None]:
+        first: tuple[float | None, CameraView | None] = self._first.Eval(context)
+        time = self._time(context)
+        if first[0] is not None or not np.isfinite(time):
+            return first
         view = self._view(context)
-        first = replace(view, points=view.points.copy())
-        at_start = context.get_time(), first
-        state.get_mutable_abstract_state(int(self._first)).set_value(at_start)
-        return EventStatus.Succeeded()
+        return time, replace(view, points=view.points.copy())
+
+    def _time(self, context: Context) -> float:
+        """When the image was taken [s]; NaN before the first."""
+        stamped = self._image_time.HasValue(context)
+        return float(self._image_time.Eval(context)[0] if stamped else context.get_time())
 
     def _calc(self, context: Context) -> ImageLabel16I:
-        # While it is remembered, others look at the first image already.
-        now = context.get_time()
-        time, first = context.get_abstract_state(int(self._first)).get_value()
+        time, first = self._first.Eval(context)
         known = Known(
             field=evaluate(self._gpdf, context),
             X_WO=self._object_pose.Eval(context).GetAsMatrix4(),
             lost=self._tracking.Eval(context).lost,
             before=first,
-            waited=0.0 if time is None else now - time,
+            waited=0.0 if time is None else self._time(context) - time,
         )
         q, opening = self._position.Eval(context), float(self._gripper.Eval(context)[0])
         view, camera = self._view(context), self._camera

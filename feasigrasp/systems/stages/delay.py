@@ -35,13 +35,15 @@ class Delay(LeafSystem):
         name: Delay
         input_ports:
         - u
+        - stamp
         output_ports:
         - y
 
-    Both are Python objects, or vectors. The input is looked at every ``period`` seconds, and what
-    has changed since the last time was made then: values come on time if they are made at one of
-    these ticks, and else by less than a period too soon. Without latency the system holds what
-    there was at the last tick.
+    ``u`` and ``y`` are Python objects, or vectors. The input is looked at every ``period`` seconds,
+    and what has changed since the last time was made then: values come on time if they are made at
+    one of these ticks, and else by less than a period too soon. Without latency the system holds
+    what there was at the last tick. ``stamp`` (V1), optional, is from when the latency of the
+    present value counts [s], such as the exposure that it was made of; NaN for none.
     """
 
     def __init__(self, initial: Any, latency: float, period: float) -> None:
@@ -50,6 +52,7 @@ class Delay(LeafSystem):
         self._latency, self._period = latency, period
         self._post = PeriodicState(self, _Post(initial), period, self._deliver)
         depends = {self._post.ticket()}
+        self._stamp = self.DeclareVectorInputPort("stamp", 1)
         if isinstance(initial, np.ndarray):
             self._input = self.DeclareVectorInputPort("u", len(initial))
             self.DeclareVectorOutputPort("y", len(initial), weakly(self._calc_vector), depends)
@@ -65,7 +68,8 @@ class Delay(LeafSystem):
         sent = post.sent
         if not _same(value, post.newest):
             made = max(0.0, time - self._period) if self._latency > 0.0 else time
-            sent = (*sent, (made + self._latency, value))
+            stamp = self._stamp.Eval(context)[0] if self._stamp.HasValue(context) else made
+            sent = (*sent, ((stamp if np.isfinite(stamp) else made) + self._latency, value))
         due = [each for at, each in sent if at <= time + 1e-9]
         return _Post(due[-1] if due else post.arrived, sent[len(due) :], value)
 

@@ -43,9 +43,11 @@ class RemoteCell(Protocol):
 
 
 #: Inputs that each camera has its own of.
-_OF_A_CAMERA = ("point_cloud", "camera_pose", "position", "color_image")
-#: After this time a plan or a tracked pose is there, where the cell is simulated [s]. Source:
-#: guessed.
+_OF_A_CAMERA = (
+    *("point_cloud", "color_image", "image_time"),
+    *("camera_pose", "position", "gripper_state"),
+)
+#: After this time a tracked pose is there, where the cell is simulated [s]. Source: guessed.
 PROMPT_LATENCY = 0.02
 
 
@@ -148,15 +150,13 @@ def remote_object(cell: RemoteCell) -> RemoteStage:
         )
     camera = scenario.tracker.kind == TrackerKind.CAMERA
     period = scenario.tracker.image_period if camera else scenario.perception.period
-    return _remote(cell, make_object_stage, period, scenario.perception.latency)
+    return _remote(cell, make_object_stage, period, _after_image(scenario))
 
 
 def remote_scene(cell: RemoteCell, labels: Iterable[int]) -> RemoteStage:
     """The proxy of `make_scene_stage`."""
     config, known = cell.scenario, sorted(set(labels))
-    return _remote(
-        cell, make_scene_stage, config.scene.period, config.perception.latency, labels=known
-    )
+    return _remote(cell, make_scene_stage, config.scene.period, _after_image(config), labels=known)
 
 
 def remote_tracker(cell: RemoteCell) -> RemoteStage:
@@ -166,7 +166,16 @@ def remote_tracker(cell: RemoteCell) -> RemoteStage:
 
 def remote_planner(cell: RemoteCell) -> RemoteStage:
     """The proxy of `make_planner_stage`."""
-    return _remote(cell, make_planner_stage, cell.scenario.reachability.period, PROMPT_LATENCY)
+    scenario = cell.scenario
+    time = scenario.control.planning_time or PROMPT_LATENCY
+    return _remote(cell, make_planner_stage, scenario.reachability.period, time)
+
+
+def _after_image(scenario: Scenario) -> float:
+    """From an image, which is there that late, until what is made of it is there [s]."""
+    config = scenario.perception
+    late = scenario.cameras[config.camera].output_delay
+    return max(config.latency - late, min(config.latency, PROMPT_LATENCY))
 
 
 def add_lapsed(builder: DiagramBuilder) -> None:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.geometry import SceneGraph
+from pydrake.geometry import RenderLabel, SceneGraph
 from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
@@ -28,6 +28,7 @@ from feasigrasp.models.sensors.camera_errors import MATERIALS, CameraErrors
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.systems.ports import declare_input, declare_output, weakly
+from feasigrasp.systems.station.exposures import CameraPose, FirstImage
 
 
 class NoisyDepth(LeafSystem):
@@ -41,13 +42,15 @@ class NoisyDepth(LeafSystem):
         - label_image
         - camera_pose
         - object_pose
+        - stamp
         output_ports:
         - depth_image
 
     The depth images are ``ImageDepth32F`` [m]; a pixel without depth is infinite, one that is too
     near 0. Label image and poses, X_WC and X_WO, are the true ones of the same instant. The errors
-    depend on the seed, the time and the inputs only, so an image that is read twice is the same
-    twice, and a run repeats.
+    depend on the seed, the inputs and ``stamp`` only, the time of the image (V1) [s], so an image
+    that is read twice is the same twice, and a run repeats. Without a stamp an image is taken when
+    it is read; with one that is NaN there has been no image, and there is nothing to err.
     """
 
     def __init__(
@@ -83,11 +86,17 @@ class NoisyDepth(LeafSystem):
         self._labels = declare_input(self, "label_image", ImageLabel16I(1, 1))
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
+        self._stamp = self.DeclareVectorInputPort("stamp", 1)
         self.DeclareAbstractOutputPort("depth_image", image.Clone, weakly(self._calc))
 
     def _calc(self, context: Context, output) -> None:
         depth = self._input.Eval(context).data[:, :, 0]
-        rng = np.random.default_rng([self._seed, round(1e6 * context.get_time())])
+        stamped = self._stamp.HasValue(context)
+        time = self._stamp.Eval(context)[0] if stamped else context.get_time()
+        if not np.isfinite(time):
+            output.get_mutable_value().mutable_data[:, :, 0] = depth
+            return
+        rng = np.random.default_rng([self._seed, round(1e6 * time)])
         X_WC, X_WO = self._camera_pose.Eval(context), self._object_pose.Eval(context)
         fixed = self._errors.fixed(
             depth,
@@ -165,30 +174,46 @@ def export_camera(
     noise: DepthNoise | None = None,
     hand_eye: HandEyeError | None = None,
     seed: int = 0,
+    stamp: OutputPort | None = None,
+    position: OutputPort | None = None,
 ) -> None:
     """Adds a camera and exports its outputs as ``<name>.<output>``.
 
     These are ``point_cloud`` (world frame, pixel by pixel), ``color_image``, ``depth_image``,
     ``label_image`` and ``pose`` X_WC. Pose and cloud are as the camera's calibration has them.
+    With a ``stamp`` also that, and ``pose_now``, X_WC by the present joints; before the first image
+    there is no depth, and nothing else, in images of the usual size.
 
     Args:
         builder: The builder of the station.
         config: The camera; its name becomes that of the ports.
         plant: The plant whose frames the camera is mounted on.
         scene_graph: What it sees.
-        seen: The object.
-        arm: The arm, which the camera may be on.
+        seen: The object, where the scene graph has it.
+        arm: The arm, which the camera may be on, where the scene graph has it.
         noise: Errors of its depth image, and of the point cloud made from it; None for none.
         hand_eye: Error of its calibration; None for none.
         seed: Seed of those errors.
+        stamp: When the scene graph's scene was the present one (V1) [s]; None for now.
+        position: The present true joints (V7) [rad]; needed with a stamp.
     """
     name = config.name
+    # The scene graph is late already, if images are to be.
+    config.output_delay = config.capture_offset = 0.0
     # An LCM sink that goes nowhere: images are rendered only when somebody reads them.
     ApplyCameraConfig(
         config, builder, plant=plant, scene_graph=scene_graph, lcm=DrakeLcm("memq://null")
     )
     sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
-    depth, info = sensor.depth_image_32F_output_port(), pixel_centred_intrinsics(config)
+    depth, color, labels = (
+        _from_first_image(builder, port, stamp)
+        for port in (
+            sensor.depth_image_32F_output_port(),
+            sensor.color_image_output_port(),
+            sensor.label_image_output_port(),
+        )
+    )
+    info = pixel_centred_intrinsics(config)
     if noise is not None:
         errors = NoisyDepth(
             noise,
@@ -201,28 +226,58 @@ def export_camera(
         )
         noisy = builder.AddNamedSystem(f"{name}_noise", errors)
         builder.Connect(depth, noisy.GetInputPort("depth_image"))
-        builder.Connect(sensor.label_image_output_port(), noisy.GetInputPort("label_image"))
+        builder.Connect(labels, noisy.GetInputPort("label_image"))
         true_pose = sensor.body_pose_in_world_output_port()
         builder.Connect(true_pose, noisy.GetInputPort("camera_pose"))
         builder.Connect(seen.pose, noisy.GetInputPort("object_pose"))
+        if stamp is not None:
+            builder.Connect(stamp, noisy.GetInputPort("stamp"))
         depth = noisy.get_output_port()
     cloud = builder.AddNamedSystem(
         f"{name}_point_cloud", DepthImageToPointCloud(info, PixelType.kDepth32F)
     )
     builder.Connect(depth, cloud.depth_image_input_port())
-    pose = sensor.body_pose_in_world_output_port()
-    error = CalibratedPose(calibration_error(hand_eye or HandEyeError(), seed), arm.zero)
-    calibrated = builder.AddNamedSystem(f"{name}_calibrated_pose", error)
-    builder.Connect(pose, calibrated.GetInputPort("true_pose"))
-    if config.X_PB.base_frame not in (None, "", "world"):
+    X_CB = calibration_error(hand_eye or HandEyeError(), seed)
+    calibrated = builder.AddNamedSystem(f"{name}_calibrated_pose", CalibratedPose(X_CB, arm.zero))
+    true_pose = sensor.body_pose_in_world_output_port()
+    builder.Connect(true_pose, calibrated.GetInputPort("true_pose"))
+    on_arm = config.X_PB.base_frame not in (None, "", "world")
+    if on_arm:
         builder.Connect(arm.position, calibrated.GetInputPort("position"))
     pose = calibrated.get_output_port()
     builder.Connect(pose, cloud.camera_pose_input_port())
+    if stamp is not None and position is not None:
+        true_now = builder.AddNamedSystem(f"{name}_true_pose_now", CameraPose(plant, name, config))
+        builder.Connect(position, true_now.get_input_port())
+        now = builder.AddNamedSystem(f"{name}_pose_now", CalibratedPose(X_CB, arm.zero))
+        builder.Connect(true_now.get_output_port(), now.GetInputPort("true_pose"))
+        if on_arm:
+            builder.Connect(position, now.GetInputPort("position"))
+        builder.ExportOutput(now.get_output_port(), f"{name}.pose_now")
+        builder.ExportOutput(stamp, f"{name}.stamp")
     builder.ExportOutput(cloud.point_cloud_output_port(), f"{name}.point_cloud")
-    builder.ExportOutput(sensor.color_image_output_port(), f"{name}.color_image")
+    builder.ExportOutput(color, f"{name}.color_image")
     builder.ExportOutput(depth, f"{name}.depth_image")
-    builder.ExportOutput(sensor.label_image_output_port(), f"{name}.label_image")
+    builder.ExportOutput(labels, f"{name}.label_image")
     builder.ExportOutput(pose, f"{name}.pose")
+
+
+def _from_first_image(
+    builder: DiagramBuilder, port: OutputPort, stamp: OutputPort | None
+) -> OutputPort:
+    """The images of a port; without any depth or label, and black, before the first one."""
+    if stamp is None:
+        return port
+    blank = port.Allocate().get_value()
+    if isinstance(blank, ImageDepth32F):
+        blank.mutable_data[:] = np.inf
+    elif isinstance(blank, ImageLabel16I):
+        blank.mutable_data[:] = int(RenderLabel.kEmpty)
+    name = f"{port.get_system().get_name()}_{port.get_name()}"
+    system = builder.AddNamedSystem(name, FirstImage(blank))
+    builder.Connect(port, system.GetInputPort("image"))
+    builder.Connect(stamp, system.GetInputPort("stamp"))
+    return system.get_output_port()
 
 
 def calibration_error(hand_eye: HandEyeError, seed: int) -> Array:

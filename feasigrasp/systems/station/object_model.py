@@ -45,11 +45,13 @@ class DistractorBodies(LeafSystem):
         name: DistractorBodies
         input_ports:
         - let_go
+        - time
         output_ports:
         - poses
 
     ``let_go`` is V1, the time at which the carrier lets the object go [s], infinite before;
-    ``poses`` is a ``FramePoseVector`` for the scene graph.
+    ``poses`` is a ``FramePoseVector`` for the scene graph. ``time`` (V1) [s], optional, is when
+    they are shown instead of now, such as the exposure of an image; NaN before it.
     """
 
     def __init__(self, bodies: Sequence[DistractorBody], frames: Sequence[FrameId]) -> None:
@@ -57,10 +59,12 @@ class DistractorBodies(LeafSystem):
         super().__init__()
         self._bodies = list(zip(bodies, frames, strict=True))
         self._let_go = self.DeclareVectorInputPort("let_go", 1)
+        self._time = self.DeclareVectorInputPort("time", 1)
         declare_output(self, "poses", self._calc, model=FramePoseVector())
 
     def _calc(self, context: Context) -> FramePoseVector:
-        time = context.get_time()
+        shown = self._time.HasValue(context)
+        time = float(np.nan_to_num(self._time.Eval(context)[0])) if shown else context.get_time()
         since = max(time - self._let_go.Eval(context)[0], 0.0)
         poses = FramePoseVector()
         for body, frame in self._bodies:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import tempfile
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
@@ -12,13 +13,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
-from pydrake.systems.framework import (
-    Context,
-    Diagram,
-    DiagramBuilder,
-    LeafSystem,
-    OutputPort,
-)
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import Demultiplexer, MatrixGain
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
@@ -32,6 +27,7 @@ from feasigrasp.models.sensors.joint_errors import DrawnJointErrors
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.camera import MeasuredArm, SeenObject, export_camera
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
+from feasigrasp.systems.station.exposures import Timing, add_exposures
 from feasigrasp.systems.station.finger_drive import FingerDrive
 from feasigrasp.systems.station.joint_sensors import JointSensors
 from feasigrasp.systems.station.object_model import (
@@ -59,6 +55,26 @@ class _BodyState(LeafSystem):
         return SpatialVelocity(self._state.Eval(context)[7:13])
 
 
+class _Scene(NamedTuple):
+    """The scene that cameras of one schedule render.
+
+    Attributes:
+        graph: What they see.
+        plant: Whose frames they are mounted on.
+        seen: The object in it.
+        arm: The arm in it.
+        stamp: When it was so; None for the present scene.
+        measured: What was measured then, by the name of the camera's port.
+    """
+
+    graph: SceneGraph
+    plant: MultibodyPlant
+    seen: SeenObject
+    arm: MeasuredArm
+    stamp: OutputPort | None = None
+    measured: dict[str, OutputPort] = {}
+
+
 class Station(Diagram):
     """A robot cell; the port names follow Drake's hardware stations.
 
@@ -84,6 +100,10 @@ class Station(Diagram):
         - <camera>.depth_image
         - <camera>.label_image
         - <camera>.pose
+        - <camera>.pose_now
+        - <camera>.position
+        - <camera>.gripper_state
+        - <camera>.stamp
         - contact_results
         - query_object
 
@@ -96,6 +116,13 @@ class Station(Diagram):
     ``gripper.state_measured`` that distance and its rate; ``object.hold`` is 1 while the object is
     to be carried along its motion and 0 from the command to let it go on; ``object.let_go`` is the
     time at which its carrier does so [s], infinite before. Point clouds are in the world frame.
+
+    A camera with an ``output_delay`` or a ``capture_offset`` takes images at its ``fps``, and what
+    its ports show is of the instant of exposure: ``<camera>.stamp`` (V1) [s], NaN before the first
+    image, until when no depth is measured. ``<camera>.position`` (V7) and
+    ``<camera>.gripper_state`` (V2) are the measured joints and gripper at that instant, and
+    ``<camera>.pose_now`` is X_WC by the present joints. The last four ports are those of such a
+    camera only; others show what is there when they are read.
     """
 
     @checked(ScenarioError)
@@ -228,9 +255,17 @@ class Station(Diagram):
         return body_state.GetOutputPort("pose")
 
     def _show_distractor_bodies(
-        self, builder: DiagramBuilder, config: StationConfig, scene_graph: SceneGraph, name: str
+        self,
+        builder: DiagramBuilder,
+        config: StationConfig,
+        scene_graph: SceneGraph,
+        name: str,
+        then: OutputPort | None = None,
     ) -> None:
-        """Shows the bodies without contact; the carrier withdraws once it has let go."""
+        """Shows the bodies without contact; the carrier withdraws once it has let go.
+
+        ``then`` is the time of an exposure at which they are shown; None for now.
+        """
         if not config.distractor_bodies:
             return
         distractor_bodies = add_distractor_bodies(
@@ -242,7 +277,9 @@ class Station(Diagram):
             first_label=self.plant.num_bodies(),  # bodies of the plant have their index
         )
         servo = builder.GetSubsystemByName("object_servo")
-        builder.Connect(servo.GetOutputPort("let_go"), distractor_bodies.get_input_port())
+        builder.Connect(servo.GetOutputPort("let_go"), distractor_bodies.GetInputPort("let_go"))
+        if then is not None:
+            builder.Connect(then, distractor_bodies.GetInputPort("time"))
 
     def _export_cameras(
         self,
@@ -252,35 +289,83 @@ class Station(Diagram):
         seen: SeenObject,
         arm: MeasuredArm,
     ) -> None:
-        """Lets the cameras render from a scene graph of their own.
+        """Lets the cameras render from scene graphs of their own, one for each schedule.
 
-        A scene graph moves what its renderers show at every step of the plant. This one, fed from
-        the state of the simulated plant, moves it only when somebody reads an image.
+        A scene graph moves what its renderers show at every step of the plant. These, fed from the
+        state of the simulated plant, or from what that was at the exposure, move it only when
+        somebody reads an image.
         """
-        self._camera_plant = camera_plant = MultibodyPlant(config.plant.time_step)
-        scene_graph = builder.AddNamedSystem("camera_scene_graph", SceneGraph())
-        camera_plant.RegisterAsSourceForSceneGraph(scene_graph)
-        self._add_models(camera_plant, config, obj)
-        camera_plant.Finalize()
-        poses = builder.AddNamedSystem(
-            "camera_geometry_poses", MultibodyPositionToGeometryPose(camera_plant, True)
-        )
-        builder.Connect(self.plant.get_state_output_port(), poses.get_input_port())
-        builder.Connect(
-            poses.get_output_port(), scene_graph.get_source_pose_port(camera_plant.get_source_id())
-        )
-        self._show_distractor_bodies(builder, config, scene_graph, "camera_distractor_bodies")
+        self._camera_plants: list[MultibodyPlant] = []
+        scenes: dict[Timing | None, _Scene] = {}
         for index, (name, camera) in enumerate(config.cameras.items()):
+            timing = Timing.of(camera)
+            if timing not in scenes:
+                scenes[timing] = self._add_scene(builder, config, obj, timing, seen, arm)
+            scene = scenes[timing]
+            for kind, port in scene.measured.items():
+                builder.ExportOutput(port, f"{name}.{kind}")
             camera = copy.deepcopy(camera)  # the caller's stays as it is
             camera.name = name
             export_camera(
                 builder,
                 camera,
-                camera_plant,
-                scene_graph,
-                seen,
-                arm,
+                scene.plant,
+                scene.graph,
+                scene.seen,
+                scene.arm,
                 noise=config.camera_noise.get(name),
                 hand_eye=config.hand_eye.get(name),
                 seed=config.noise_seed + 2**32 * index,  # cameras err differently
+                stamp=scene.stamp,
+                position=arm.position,
             )
+
+    def _add_scene(
+        self,
+        builder: DiagramBuilder,
+        config: StationConfig,
+        obj: RigidObject,
+        timing: Timing | None,
+        seen: SeenObject,
+        arm: MeasuredArm,
+    ) -> _Scene:
+        """The scene that cameras of one schedule render; the present one without a schedule."""
+        number = len(self._camera_plants) or ""
+        plant = MultibodyPlant(config.plant.time_step)
+        graph = builder.AddNamedSystem(f"camera_scene_graph{number}", SceneGraph())
+        plant.RegisterAsSourceForSceneGraph(graph)
+        self._add_models(plant, config, obj)
+        plant.Finalize()
+        self._camera_plants.append(plant)
+        state, scene = self.plant.get_state_output_port(), _Scene(graph, plant, seen, arm)
+        if timing is not None:
+            context = plant.CreateDefaultContext()
+            start = plant.GetPositionsAndVelocities(context)
+            sensors, fingers = map(builder.GetSubsystemByName, ("joint_sensors", "gripper_state"))
+            object_state = self.plant.get_state_output_port(self.object_instance)
+            (state, body, q, position, gripper_state), stamp = add_exposures(
+                builder,
+                f"exposures{number}",
+                timing,
+                (state, start),
+                (object_state, plant.GetPositionsAndVelocities(context, self.object_instance)),
+                (arm.position, np.zeros(IIWA_7.joints)),
+                (sensors.GetOutputPort("position_measured"), np.zeros(IIWA_7.joints)),
+                (fingers.get_output_port(), np.zeros(2)),
+            )
+            pose = builder.AddNamedSystem(f"exposed_object{number}", _BodyState())
+            builder.Connect(body, pose.get_input_port())
+            scene = scene._replace(
+                seen=seen._replace(pose=pose.GetOutputPort("pose")),
+                arm=arm._replace(position=q),
+                stamp=stamp,
+                measured={"position": position, "gripper_state": gripper_state},
+            )
+        poses = builder.AddNamedSystem(
+            f"camera_geometry_poses{number}", MultibodyPositionToGeometryPose(plant, True)
+        )
+        builder.Connect(state, poses.get_input_port())
+        builder.Connect(poses.get_output_port(), graph.get_source_pose_port(plant.get_source_id()))
+        name = f"camera_distractor_bodies{number}"
+        self._show_distractor_bodies(builder, config, graph, name, scene.stamp)
+        return scene

@@ -24,7 +24,7 @@ from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.tracking.tracker import FieldTrack, track
 from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, weakly
 
 #: Images of two cameras that are no farther apart than this count as taken at once [s]. Source:
 #: guessed.
@@ -56,6 +56,7 @@ class FieldTracker(LeafSystem):
         - tracking
         - keyframe
         - pose_at_view
+        - stamp
         - track
 
     ``point_cloud`` shows the object only, in the world frame; ``camera_pose`` X_WC is that at which
@@ -75,9 +76,11 @@ class FieldTracker(LeafSystem):
     The first four outputs are those of `ObjectTracker`. The frame O is that of the first view: its
     origin is the center of the visible points, its axes are the world's. ``keyframe`` is the last
     `Keyframe`, a view worth merging; None before the first. ``pose_at_view`` is where the object is
-    expected at ``image_time``, before that image has been looked at. Images are read every
-    ``image_period``; in between, and while the object is out of sight, the outputs follow the
-    filter. After ``silence`` without a pose the object is lost; it is still looked for.
+    expected at ``image_time``, before that image has been looked at; ``stamp`` (V1) is when the
+    last one that has been was taken [s], -inf before. Images are read every ``image_period``. The
+    filter's state is of their exposure, and the other outputs are predicted from it to the present:
+    over the delay of the images, between them, and while the object is out of sight. After
+    ``silence`` without a pose the object is lost; it is still looked for.
     """
 
     def __init__(
@@ -106,6 +109,7 @@ class FieldTracker(LeafSystem):
         declare_output(self, "keyframe", lambda context: self._known(context).keyframe, state)
         at_view = {*now, self._image_time.ticket()}
         declare_output(self, "pose_at_view", self._calc_at_view, at_view, model=RigidTransform())
+        self.DeclareVectorOutputPort("stamp", 1, weakly(self._calc_stamp), state)
         # Others do not need the shape that it tracks by, and it is large.
         declare_output(
             self, "track", lambda context: replace(self._known(context), model=None), state
@@ -119,7 +123,7 @@ class FieldTracker(LeafSystem):
             return Tracking(state, np.inf, in_view=0.0, deviation=np.inf)
         return Tracking(
             state,
-            max(0.0, context.get_time() - found.measured_at - self._config.image_period),
+            max(0.0, found.age(context.get_time()) - self._config.image_period),
             in_view=found.in_view,
             deviation=found.deviation,
             covariance=found.estimate.pose_covariance,
@@ -137,16 +141,19 @@ class FieldTracker(LeafSystem):
         return self._known(context) if given else self._look(context)
 
     def _look(self, context: Context) -> FieldTrack:
+        before: FieldTrack = self._track.Eval(context)
+        time = self._time_of_image(context)
+        if not time > before.image_time:  # nor before the first image, whose time is not a number
+            return before
         perceived: Any = self._perceived.Eval(context)
         xyz = self._cloud.Eval(context).xyzs().T
         depth = self._depth.Eval(context).data[:, :, 0] if self._depth.HasValue(context) else None
         view = _view(self._camera, self._camera_pose.Eval(context), xyz, depth)
-        time = self._time_of_image(context)
         held = self._phase.HasValue(context) and self._phase.Eval(context)[0] > Phase.CLOSE
-        before: FieldTrack = self._track.Eval(context)
         second = partial(self._second.view, context, time) if self._second is not None else None
         learnt = perceived.gpdf, perceived.views
-        return track(before, view, time, *learnt, held=bool(held), second=second)
+        after = track(before, view, time, *learnt, held=bool(held), second=second)
+        return replace(after, delay=context.get_time() - time)
 
     def _time_of_image(self, context: Context) -> float:
         stamped = self._image_time.HasValue(context)
@@ -174,6 +181,9 @@ class FieldTracker(LeafSystem):
         state = found.state(now, self._config.silence)
         # Before the first image has come, its time is not a number.
         return RigidTransform(self._expected(found, state, time if np.isfinite(time) else now))
+
+    def _calc_stamp(self, context: Context, stamp) -> None:
+        stamp.SetAtIndex(0, self._known(context).image_time)
 
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
         """Twist now; NaN before the first view, and none once the object is lost."""

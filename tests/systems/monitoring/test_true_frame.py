@@ -11,9 +11,10 @@ X_BO = RigidTransform(RollPitchYaw(-1.0, 0.2, 0.3), [0.02, 0.01, -0.03])
 MOVED = RigidTransform(RollPitchYaw(0.5, 0.0, -1.0), [0.1, 0.2, 0.3])
 
 
-def at(dut, context, true, tracked):
-    """The frame after one update with these poses."""
+def at(dut, context, true, tracked, at_view=None):
+    """The frame after one update with these poses; by default the image is of now."""
     dut.GetInputPort("object_pose").FixValue(context, true)
+    dut.GetInputPort("pose_at_view").FixValue(context, at_view or true)
     dut.GetInputPort("tracked_pose").FixValue(context, tracked)
     updated = dut.EvalUniquePeriodicDiscreteUpdate(context)
     context.get_mutable_discrete_state_vector().SetFromVector(updated.get_vector().value())
@@ -35,3 +36,10 @@ def test_it_is_aligned_once_and_then_follows_the_object():
     for tracked in (MOVED, UNKNOWN):
         later = at(dut, context, MOVED @ X_WB, tracked)
         np.testing.assert_allclose(later, (MOVED @ X_WB @ X_BO).GetAsMatrix4(), atol=1e-12)
+
+
+def test_where_the_frame_is_on_the_object_is_of_the_exposure():
+    """The object has gone on since the image was taken; the frame was chosen where it was."""
+    dut = TrueFrame(0.0025)
+    frame = at(dut, dut.CreateDefaultContext(), MOVED @ X_WB, X_WB @ X_BO, at_view=X_WB)
+    np.testing.assert_allclose(frame, (MOVED @ X_WB @ X_BO).GetAsMatrix4(), atol=1e-12)

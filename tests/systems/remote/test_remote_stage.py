@@ -196,3 +196,11 @@ def test_a_process_ends_when_the_one_that_it_works_for_is_killed():
     while Path(f"/proc/{pid}").exists():
         assert time.monotonic() < deadline
         time.sleep(0.05)
+
+
+def test_without_a_new_image_nothing_is_waited_for():
+    """The first image of a camera may come late; results are as late as ever after it."""
+    remote = Run(RemoteStage(Counter, PERIOD, latency=0.25), number=1.0, stamp=np.nan)
+    assert remote.to(0.36) == ()
+    fixed(remote.stage, remote.context, stamp=0.35)  # posted at 0.4
+    assert [len(remote.to(instant)) for instant in (0.64, 0.66, 0.95)] == [0, 1, 1]

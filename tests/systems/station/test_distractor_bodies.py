@@ -37,7 +37,7 @@ def labels(cell):
 def test_ports_are_those_of_the_docstring(ports, documented_ports):
     given, outputs = ports(DistractorBodies([], []))
     assert (list(given), list(outputs)) == documented_ports(DistractorBodies)
-    assert given == {"let_go": 1}
+    assert given == {"let_go": 1, "time": 1}
 
 
 def test_each_has_a_label_of_its_own_and_is_seen(carried):

@@ -62,6 +62,8 @@ class Loop:
         if stamp is not None:
             self.tracker.GetInputPort("image_time").FixValue(context, [stamp])
         self.simulator.AdvanceTo(t + 1e-3)
+        if not hasattr(self, "first_pose"):
+            self.first_pose = self.output("object_pose").GetAsMatrix4()
 
     def output(self, name):
         port = self.tracker.GetOutputPort(name)
@@ -122,16 +124,45 @@ def test_it_follows_and_says_what_it_is_worth(depth):
     assert not loop.output("object_motion").known
 
 
-def test_images_count_from_when_they_were_taken():
-    """With images 0.1 s old the pose is that of now all the same."""
-    late, loop = 0.1, Loop()
-    loop.see(0.0, se3.extrapolate(np.eye(4), TWIST, -late), stamp=-late)
-    for k in range(1, 30):
+@pytest.mark.parametrize("late", [0.0, 0.06, 0.1])
+def test_the_pose_is_that_of_now_however_late_images_are(late):
+    """An object in steady motion: it was measured where it was, and is expected where it is."""
+    loop, fast, images = Loop(), np.array([0.0, 0.0, 0.2, 0.05, -0.13, 0.05]), 22
+    tolerance, speed = 3e-3, np.linalg.norm(fast[3:])
+
+    def moved(t):  # through the middle of the picture
+        return se3.extrapolate(np.eye(4), fast, t - 0.5 * images * PERIOD)
+
+    for k in range(images):
         t = k * PERIOD
-        loop.see(t, se3.extrapolate(np.eye(4), TWIST, t - late), stamp=t - late)
-        if k == 15:  # the twist is known
-            loop.error(se3.extrapolate(np.eye(4), TWIST, loop.context.get_time()))
-    assert loop.error(se3.extrapolate(np.eye(4), TWIST, loop.context.get_time())) < 3e-3
+        loop.see(t, moved(t - late), stamp=t - late)
+    now = loop.context.get_time()
+    X_WO = loop.output("object_pose").GetAsMatrix4()
+    # O was chosen on the first image, where the box was then.
+    X_BO = se3.inverse(moved(-late)) @ loop.first_pose
+    assert np.linalg.norm((X_WO - moved(now) @ X_BO)[:3, 3]) < tolerance
+    assert loop.output("tracking").state is TrackingState.TRACKING
+    assert loop.output("tracking").age == pytest.approx(0.0, abs=2e-3)
+    taken = loop.output("stamp")[0]
+    assert taken == pytest.approx((images - 1) * PERIOD - late)
+    measured = loop.output("track").measured
+    assert measured.time == pytest.approx(taken)
+    assert np.linalg.norm((measured.X_WO - moved(taken) @ X_BO)[:3, 3]) < tolerance
+    # Taken for the present one, it is off by what the object goes in that time.
+    off = np.linalg.norm((measured.X_WO - moved(now) @ X_BO)[:3, 3])
+    assert off == pytest.approx(speed * (now - taken), abs=tolerance)
+    assert late == 0.0 or off > 2.0 * tolerance
+
+
+def test_images_that_stay_away_make_the_pose_old_however_late_they_are():
+    """The usual delay is no age; what is missing beyond it is."""
+    late, loop = 0.1, Loop()
+    for k in range(10):
+        loop.see(k * PERIOD, np.eye(4), stamp=k * PERIOD - late)
+    for t, state in ((0.38, TrackingState.TRACKING), (0.45, TrackingState.COASTING)):
+        loop.see(t, np.eye(4), stamp=9 * PERIOD - late)
+        assert loop.output("tracking").state is state
+    assert loop.output("tracking").age == pytest.approx(0.45 - 10 * PERIOD, abs=5e-3)
 
 
 def test_before_the_first_view_nothing_is_known():
