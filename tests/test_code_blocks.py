@@ -4,6 +4,7 @@ import re
 import shlex
 from importlib import import_module
 from pathlib import Path
+from textwrap import indent
 
 import pytest
 import trimesh
@@ -119,14 +120,15 @@ def test_every_scenario_of_the_page_loads(examples, tmp_path):
     assert [body.name for body in seen] == ["carrier", "distractor"]
     second = load_scenario("ReachLinear", examples["cameras"])
     assert second.perception.second_camera in second.cameras
-    assert set(examples) == {"SlowLift", "Shelf", "carrier", "cameras"}
+    assert set(examples) == {"SlowLift", "cell", "carrier", "cameras"}
 
 
 def test_the_scenario_with_obstacles_runs_as_it_is_printed(examples, tmp_path):
     """A folder with the block as a file and a tray beside it, from another working directory."""
-    (tmp_path / "shelf.yaml").write_text(examples["Shelf"])
+    text = examples["SlowLift"] + indent(examples["cell"], "  ")
+    (tmp_path / "shelf.yaml").write_text(text)
     trimesh.creation.box((300, 200, 10)).export(tmp_path / "bin.obj")
-    scenario = load_scenario(tmp_path / "shelf.yaml", "Shelf")
+    scenario = load_scenario(tmp_path / "shelf.yaml", "SlowLift")
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(1.0)

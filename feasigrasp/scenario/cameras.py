@@ -105,6 +105,12 @@ def _check_second_camera(scenario: Scenario) -> None:
             f"perception.second_camera is {second!r}, but the object is not tracked in images; "
             "give tracker: {kind: camera} and perception: {segmentation: depth}, or leave it out"
         )
+    for key in ("output_delay", "capture_offset"):  # images of both are of one instant
+        first, other = (getattr(scenario.cameras[name], key) for name in (config.camera, second))
+        if first != other:
+            raise ScenarioError(
+                f"cameras.{second}.{key} is {other}; give {first}, that of {config.camera}"
+            )
 
 
 def _check_focal(name: str, focal: Any) -> None:

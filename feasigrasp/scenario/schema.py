@@ -160,8 +160,8 @@ class PerceptionConfig:
             the surroundings; ``auto``, the latter where an arm is commanded by its driver's
             messages, else the former.
         period: Time between views [s].
-        latency: Time from the exposure of a view to its grasps [s], where the cell is simulated.
-            It contains the ``output_delay`` of the camera.
+        latency: Time from the exposure of a view to its grasps [s], where the cell is simulated;
+            the camera's ``output_delay`` is a part of it.
         preset: ``default``, or ``paper`` for the paper's field, a plugin of ``fields``.
         max_points: Points that the field is fitted to.
         length_scale: Length scale of the field's kernel [m].
@@ -259,9 +259,8 @@ class ControlConfig:
         mode: ``safe`` enforces limits and clearances. To compare with, ``paper`` (the paper's law
             as printed) and ``corrected`` (with our corrections) enforce nothing.
         period: Control period [s].
-        planning_time: From the instant of which the controller plans until the plan takes effect
-            [s], where the cell is simulated; less than ``reachability.period``. The safety filter,
-            at the control period, waits for no plan. For ``safe`` mode.
+        planning_time: How late a plan takes effect [s], where the cell is simulated; less than
+            ``reachability.period``. The safety filter waits for no plan. For ``safe`` mode.
         speed: Share of the arm's velocity limits that may be used, in (0, 1]; nothing exceeds it,
             plans reckon with it, and lift and shaking take as much longer. Accelerations, and
             with them braking, keep their limits. For ``safe`` mode; on hardware 0.25 by default.
