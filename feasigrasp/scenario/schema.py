@@ -160,8 +160,7 @@ class PerceptionConfig:
             the surroundings; ``auto``, the latter where an arm is commanded by its driver's
             messages, else the former.
         period: Time between views [s].
-        latency: Time from the exposure of a view to its grasps [s], where the cell is simulated;
-            the camera's ``output_delay`` is a part of it.
+        latency: Time from the exposure of a view to its grasps [s], where the cell is simulated.
         preset: ``default``, or ``paper`` for the paper's field, a plugin of ``fields``.
         max_points: Points that the field is fitted to.
         length_scale: Length scale of the field's kernel [m].
