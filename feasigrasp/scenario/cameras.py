@@ -21,8 +21,6 @@ _ORDERED = (
 )
 #: Numbers of which the first must not be greater.
 _NOT_GREATER = (("clipping_near", "z_near"), ("z_far", "clipping_far"))
-#: Images that every camera has.
-_IMAGES = ("rgb", "depth", "label")
 #: Keys that would do nothing, and how to mend it.
 _WITHOUT_EFFECT = {
     "show_rgb": "no window shows images; leave it out, and see them with --replay FILE.html",
@@ -66,11 +64,11 @@ def check_cameras(scenario: Scenario) -> None:
 def _check_effect(name: str, camera: CameraConfig) -> None:
     """Refuses what a camera here does not do."""
     where = f"cameras.{name}"
-    for image in _IMAGES:
-        if not getattr(camera, image):
-            raise ScenarioError(
-                f"{where}.{image} is false; give true: an image is rendered only when it is read"
-            )
+    if not (camera.rgb or camera.depth or camera.label):
+        raise ScenarioError(
+            f"{where} has neither rgb nor depth nor label, so that Drake leaves it out, "
+            "with its point cloud and pose; give one of them true"
+        )
     for key, mend in _WITHOUT_EFFECT.items():
         if getattr(camera, key) != getattr(CameraConfig(), key):
             raise ScenarioError(f"{where}.{key} is {getattr(camera, key)!r}; {mend}")

@@ -32,14 +32,12 @@ REFUSED = {
     "X_BD": ("X_BD: {rotation: !Rpy {deg: [0, 0, 5]}}", "moves the depth image.*X_PB"),
     "renderer_class": ("renderer_class: RenderEngineGltfClient", "choose one of RenderEngineVtk"),
     "name": ("name: other", "called as its entry in cameras: rename"),
-    "rgb": ("rgb: false", "rgb is false; give true"),
-    "depth": ("depth: false", "depth is false; give true"),
-    "label": ("label: false", "label is false; give true"),
     "show_rgb": ("show_rgb: true", "leave it out, and see them with --replay"),
     "lcm_bus": ("lcm_bus: other", "leave it out"),
 }
-#: Those that a test of their own shows.
-OTHER = {"fps", "do_compress", "renderer_name"}
+#: Those that a test of their own shows. Of the images, one has to be there: each is rendered only
+#: when it is read.
+OTHER = {"fps", "do_compress", "renderer_name", "rgb", "depth", "label"}
 
 
 def loaded(entry):
@@ -85,6 +83,12 @@ def test_it_is_refused_by_one_line_that_says_how_to_mend_it(key):
     with pytest.raises(ScenarioError, match=f"cameras.{NAME}.*{match}") as refusal:
         loaded(entry)
     assert "\n" not in str(refusal.value)
+
+
+def test_a_camera_without_any_image_is_refused():
+    with pytest.raises(ScenarioError, match="neither rgb nor depth nor label.*give one of them"):
+        loaded("rgb: false, depth: false, label: false")
+    loaded("rgb: false, depth: true, label: false")
 
 
 def test_the_frame_rate_is_that_of_the_exposures():
