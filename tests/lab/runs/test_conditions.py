@@ -43,7 +43,9 @@ def test_entries_follow_the_scenarios():
     assert first["tracking"] == "true pose, 200 Hz, no latency"
     assert (first["friction"], first["perception_latency_s"]) == (0.4, 0.0)
     second = conditions(Plan(runs[1:2]), "development")
-    assert second["camera"] == "wrist_camera, 424 x 240, noise of a D435 with decimation 2, flying 0.1"
+    assert (
+        second["camera"] == "wrist_camera, 424 x 240, noise of a D435 with decimation 2, flying 0.1"
+    )
     assert second["friction"] == "0.5 to 0.7"
     plain = planned("ReachLinearMocap", "{camera_noise: {wrist_camera: {}}}")
     plain.scenario.camera_noise = {"wrist_camera": {}}
