@@ -116,7 +116,7 @@ def test_the_same_ports_as_a_simulated_station(wire, documented_ports):
     station = wire[2].diagram.GetSubsystemByName("station")
     names = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
     at_image = {"object.stamp", "wrist_camera.stamp", "wrist_camera.position"}
-    at_image.add("wrist_camera.pose_now")
+    at_image |= {"wrist_camera.pose_now", "wrist_camera.gripper_state"}
     assert all(simulated.HasOutputPort(name) for name in names - at_image)
     assert names == {
         name.replace("<camera>", "wrist_camera") for name in documented_ports(type(station))[1]
