@@ -253,7 +253,7 @@ class Examples:
             "GraspController.safety": SafetyOptions(),
             "GPJointController.options": JointControlOptions(),
             "RMMTaskController.options": TaskControlOptions(), "plant": plant,
-            "groups": ("task",), "edge_jump": 0.02,
+            "groups": ("task",), "edge_jump": 0.02, "planning_time": 0.02,
         }  # fmt: skip
         for system in fields(Subsystems):
             self.values[f"Subsystems.{system.name}"] = controller

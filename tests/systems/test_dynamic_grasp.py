@@ -62,6 +62,8 @@ OPEN = {
     ("status", "scene"),
     ("tracker", "stamp"),
     ("metrics", "frame_pose"),
+    ("perception", "image_time"),
+    ("view_time(reachable)", "stamp"),
 }
 
 

@@ -9,7 +9,7 @@ from tests.pipeline import SECOND_CAMERA
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 #: Those that measure, and hand on nothing to what they measure.
-JUDGES = {"metrics", "true_frame", "contact", "obstacle_distance"}
+JUDGES = {"metrics", "true_frame", "true_pose_at_view", "contact", "obstacle_distance"}
 
 
 def is_truth(port):
@@ -53,7 +53,7 @@ def test_with_the_camera_alone_only_judges_read_truth(name, controller):
     found = readers(make_dynamic_grasp(load_scenario(FILE, name, text)))
     assert "wrist_camera.label_image" not in found
     assert set.union(*(found[port] for port in found if port != "judges")) <= JUDGES
-    assert found["object.pose"] == {"metrics", "true_frame"}
+    assert found["object.pose"] == {"metrics", "true_frame", "true_pose_at_view"}
     assert not {name for name in found["judges"] - JUDGES if not name.startswith("log(")}
 
 
@@ -69,4 +69,4 @@ def test_with_segmentation_by_depth_nobody_reads_the_label_image(scene):
 def test_nor_does_a_second_camera_tell_it():
     found = readers(make_dynamic_grasp(load_scenario(FILE, "ReachLinear", SECOND_CAMERA)))
     assert "side_camera.label_image" not in found
-    assert found["object.pose"] == {"metrics", "true_frame"}
+    assert found["object.pose"] == {"metrics", "true_frame", "true_pose_at_view"}
