@@ -24,7 +24,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel, parts
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 from feasigrasp.models.objects.tracking import COASTING_AFTER, TrackingState
-from feasigrasp.models.quantities import UNKNOWN_POSE, ArrayOf, Bound, Instant, Share
+from feasigrasp.models.quantities import UNKNOWN_POSE, ArrayOf, Bound, Instant, NotNegative, Share
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.tracking.keyframe import (
     KEY_PERIOD,
@@ -104,7 +104,7 @@ class FieldTrack(Frozen):
     unknown_since: Instant = np.inf
     motion: Annotated[Array, _STATE] = field(default_factory=empty_state)
     measured_motion: Annotated[Array, _STATE] = field(default_factory=empty_state)
-    delay: Bound = 0.0
+    delay: NotNegative = 0.0
 
     def __post_init__(self) -> None:
         """Checks what it is made of."""
@@ -115,6 +115,7 @@ class FieldTrack(Frozen):
         """Time of the last image that a pose was got from [s]; NaN before."""
         return np.nan if self.measured is None else self.measured.time
 
+    @checked()
     def age(self, time: float) -> float:
         """Age of the last measured pose at a time, beyond the delay of the images [s]."""
         return time - self.measured_at - self.delay
