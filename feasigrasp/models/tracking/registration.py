@@ -138,10 +138,13 @@ def register(
         distance, normals = model.distance(local)
         at_end = model.open_ends[nearest]
         guess = (guess_share * np.maximum(gap - observed_within, 0.0)) ** 2
+        guessed = gap > observed_within
         variance = sensor + guess
         inlier = np.abs(distance) < np.maximum(_INLIER, _INLIER_SIGMAS * np.sqrt(sensor))
         scale = wide * 0.5**step
         weight = np.where(at_end, 0.0, _robust(distance, variance, scale))
+        # A guess errs as a whole: all points on it count as one.
+        weight[guessed] *= CORRELATED / max(CORRELATED, np.count_nonzero(guessed))
         on_plane = _on_plane(model, gap, nearest, normals) & ~at_end
         planes = model.normals[nearest]
         offset = np.einsum("ij,ij->i", local - model.points[nearest], planes)
