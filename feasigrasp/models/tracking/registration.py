@@ -138,7 +138,8 @@ def register(
         distance, normals = model.distance(local)
         at_end = model.open_ends[nearest]
         guess = (guess_share * np.maximum(gap - observed_within, 0.0)) ** 2
-        guessed = gap > observed_within
+        # How far along the surface the next observed point is, not across it.
+        guessed = gap**2 - distance**2 > observed_within**2
         variance = sensor + guess
         inlier = np.abs(distance) < np.maximum(_INLIER, _INLIER_SIGMAS * np.sqrt(sensor))
         scale = wide * 0.5**step
