@@ -145,7 +145,7 @@ def register(
         scale = wide * 0.5**step
         weight = np.where(at_end, 0.0, _robust(distance, variance, scale))
         # A guess errs as a whole: all points on it count as one.
-        weight[guessed] *= CORRELATED / max(CORRELATED, np.count_nonzero(guessed))
+        weight[guessed] /= max(1.0, int(guessed.sum()) / CORRELATED)
         on_plane = _on_plane(model, gap, nearest, normals) & ~at_end
         planes = model.normals[nearest]
         offset = np.einsum("ij,ij->i", local - model.points[nearest], planes)
