@@ -138,14 +138,10 @@ def register(
         distance, normals = model.distance(local)
         at_end = model.open_ends[nearest]
         guess = (guess_share * np.maximum(gap - observed_within, 0.0)) ** 2
-        # How far along the surface the next observed point is, not across it.
-        guessed = gap**2 - distance**2 > observed_within**2
         variance = sensor + guess
         inlier = np.abs(distance) < np.maximum(_INLIER, _INLIER_SIGMAS * np.sqrt(sensor))
         scale = wide * 0.5**step
         weight = np.where(at_end, 0.0, _robust(distance, variance, scale))
-        # A guess errs as a whole: all points on it count as one.
-        weight[guessed] /= max(1.0, int(guessed.sum()) / CORRELATED)
         on_plane = _on_plane(model, gap, nearest, normals) & ~at_end
         planes = model.normals[nearest]
         offset = np.einsum("ij,ij->i", local - model.points[nearest], planes)
