@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import feasigrasp as fg
-from feasigrasp.models.control.joint.field import MAX_LENGTH_SCALE, MIN_LENGTH_SCALE, SPACING_RATIO
+from feasigrasp.models.control.horizon.distance_field import MAX_LENGTH_SCALE, MIN_LENGTH_SCALE, SPACING_RATIO
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.planning.cost_weights import CostWeights
 from feasigrasp.models.control.safety.command_guard import CommandGuard

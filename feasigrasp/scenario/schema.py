@@ -29,7 +29,7 @@ from feasigrasp.models.choices import (
     mode_names,
     word,
 )
-from feasigrasp.models.control.planning.predicted_poses import PredictionModel
+from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.tracker_config import TrackerConfig

@@ -1,4 +1,4 @@
-"""Filters grasps by reachability over the prediction horizon."""
+"""Filters of grasps by view, payload, scene and reachability."""
 
 from __future__ import annotations
 
@@ -16,14 +16,11 @@ from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.grasps.hand_clearance import scene_clear, unobserved_clear
 from feasigrasp.models.grasps.payload import rated_by_payload
 from feasigrasp.models.objects.prediction import Motion
-from feasigrasp.models.quantities import NotNegative, Positive
-from feasigrasp.models.reach.predicted_reachability import (
-    WAY_IN,
-    Judge,
-    JudgedGrasps,
-    KeepingRule,
-    judge_grasps,
-)
+from feasigrasp.models.objects.predicted_poses import PredictionModel
+from feasigrasp.models.quantities import Positive
+from feasigrasp.models.reach.followable import JudgedGrasps, followable_grasps
+from feasigrasp.models.reach.interception import InterceptionOptions, Situation
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -173,7 +170,7 @@ class SceneFilter(LeafSystem):
 
 
 class ReachabilityFilter(LeafSystem):
-    """The reachable grasps of a set, hand poses turned by 180 degrees included.
+    """The grasps of a set that the arm can intercept and follow, turned by 180 degrees included.
 
     .. pydrake_system::
 
@@ -183,70 +180,80 @@ class ReachabilityFilter(LeafSystem):
         - object_pose
         - object_velocity
         - object_motion
+        - position
+        - desired_velocity
         output_ports:
         - grasps
         - verdicts
 
     Grasps are in the object frame, before and after. A grasp and its flip about the approach
     direction are one grasp but two hand poses: both are tried by default, and both may
-    remain. A pose is in reach if exact inverse kinematics finds a configuration inside the joint
-    limits, free of self-collision and clear of the table, or whatever else the judge asks for.
+    remain. A pose is in reach if closed-form inverse kinematics finds a configuration inside the
+    joint limits, free of self-collision and clear of the table.
 
-    A grasp must be in reach at the object's pose now and, as its motion is predicted, all through
-    the next ``horizon`` seconds; ``object_motion`` may be left unconnected, then it is extrapolated
-    with its velocity. Of these the hand must be able to stand back by ``way_in``, along the
-    approach direction, unless that leaves none. Of more than can be planned for, those are kept
-    that score best; which they are changes only for clearly better ones, since whoever follows a
-    grasp has to find it again. What is dropped is counted by reason in ``rejected``; ``verdicts``
-    is a tuple of strings, see `JudgedGrasps`: what became of every grasp that came in, then of
-    every flip.
+    The joints, at V7 ``position`` [rad] with V7 ``desired_velocity`` [rad/s], must be able to meet
+    a grasp on the object's predicted path; which grasps are kept follows from when that is and from
+    how long they can be followed (`feasigrasp.models.reach.interception`). Without
+    ``desired_velocity`` they are taken to be at rest; without ``object_motion`` the object is
+    extrapolated with its velocity. Of more than can be planned for, those are kept that
+    cost least; which they are changes only for clearly better ones, since whoever follows a grasp
+    has to find it again. What is dropped is counted by reason in ``rejected``; ``verdicts`` is a
+    tuple of strings, see `JudgedGrasps`: what became of every grasp that came in, then of every
+    flip.
     """
 
     @checked(ReachabilityError)
     def __init__(
         self,
-        judge: Judge,
+        reachability: Reachability,
         *,
-        horizon: NotNegative = 1.0,
+        options: InterceptionOptions | None = None,
+        prediction: str = PredictionModel.PREDICTED,
         symmetric_grasps: bool = True,
-        way_in: NotNegative = WAY_IN,
         period: Positive = ReachabilityConfig.period,
     ) -> None:
-        """A filter by a judge, such as `Reachability`.
+        """A filter of `followable_grasps`.
 
         Without ``symmetric_grasps`` grasps are judged as they are, not their flips. Which grasps
         were kept is remembered every ``period`` seconds.
         """
         super().__init__()
-        self._judge = judge
-        self._judge.verdicts(np.eye(4))  # compiles its kernels, before the first tick
-        self._horizon, self._symmetric_grasps, self._way_in = horizon, symmetric_grasps, way_in
+        self._reachability, self._options = reachability, options or InterceptionOptions()
+        self._prediction, self._symmetric_grasps = prediction, symmetric_grasps
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._pose = declare_input(self, "object_pose", RigidTransform())
-        self._velocity = declare_input(self, "object_velocity", SpatialVelocity.Zero())
+        self._twist = declare_input(self, "object_velocity", SpatialVelocity.Zero())
         self._motion = declare_input(self, "object_motion", kind=Motion | None)
+        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        self._velocity = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
         self._kept_before = PeriodicState(
             self,
             np.zeros(0, dtype=np.int64),
             period,
             lambda context: judged.Eval(context).grasps.id,
         )
-        inputs = (self._grasps, self._pose, self._velocity, self._motion, self._kept_before)
+        inputs = (self._grasps, self._pose, self._twist, self._motion, self._kept_before)
+        arm = (self._position, self._velocity)
         judged = declare_cache(
-            self, "judged", self._calc_judged, {source.ticket() for source in inputs}
+            self, "judged", self._calc_judged, {source.ticket() for source in (*inputs, *arm)}
         )
         of_judged = {judged.ticket()}
         declare_output(self, "grasps", lambda context: judged.Eval(context).grasps, of_judged)
         declare_output(self, "verdicts", lambda context: judged.Eval(context).verdicts, of_judged)
 
     def _calc_judged(self, context: Context) -> JudgedGrasps:
-        return judge_grasps(
-            self._grasps.Eval(context),
+        v = optional(self._velocity, context)
+        now = Situation(
+            context.get_time(),
+            self._position.Eval(context),
+            np.zeros(IIWA_7.joints) if v is None else v,
             self._pose.Eval(context).GetAsMatrix4(),
-            self._velocity.Eval(context).get_coeffs(),
-            self._judge,
-            self._horizon,
-            motion=optional(self._motion, context),
+            self._twist.Eval(context).get_coeffs(),
+            optional(self._motion, context),
+            self._prediction,
+        )
+        return followable_grasps(
+            *(self._grasps.Eval(context), now, self._reachability, self._options),
+            symmetric_grasps=self._symmetric_grasps,
             kept_before=self._kept_before.Eval(context),
-            rule=KeepingRule(symmetric_grasps=self._symmetric_grasps, way_in=self._way_in),
         )

@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.reach.predicted_reachability import KeepingRule, judge_grasps
+from feasigrasp_lab.paper.predicted_reachability import KeepingRule, judge_grasps
 from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.runs.results.arguments import add_common_arguments
 from feasigrasp.runs.results.rows import Row

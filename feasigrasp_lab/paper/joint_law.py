@@ -20,9 +20,9 @@ from feasigrasp.models.control.joint.law import JointControlOptions, field_kerne
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.search import SolutionSearch
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.planning.continuation import branch_kernel
+from feasigrasp.models.ik.continuation import branch_kernel
 from feasigrasp.models.control.planning.cost_weights import CostWeights
-from feasigrasp.models.control.planning.predicted_poses import PredictionModel, predicted_poses
+from feasigrasp.models.objects.predicted_poses import PredictionModel, predicted_poses
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.self_motion import arm_angle_kernel

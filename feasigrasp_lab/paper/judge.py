@@ -23,6 +23,7 @@ from feasigrasp.models.quantities import ANY_POSES
 from feasigrasp.models.reach.kernels import REACHABLE
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.paper.judged_filter import JudgedFilter, make_judged_filter
 from feasigrasp_lab.paper.reachable_space import ReachableSpace, SpaceName
 
 _UNLIKELY = VERDICTS.index(Verdict.UNLIKELY)
@@ -80,12 +81,13 @@ class PoseJudge(Frozen):
         return verdicts
 
 
-def _judge(method: JudgeMethod, scenario: Scenario, reachability: Reachability) -> PoseJudge:
+def _filter(method: JudgeMethod, scenario: Scenario, reachability: Reachability) -> JudgedFilter:
     space = str(scenario.reachability.options.get("space", SpaceName.DEFAULT))
-    return PoseJudge(reachability, method, ReachableSpace.load_named(space))
+    judge = PoseJudge(reachability, method, ReachableSpace.load_named(space))
+    return make_judged_filter(scenario, judge)
 
 
 #: The values ``rmm``, ``both`` and ``none`` of ``reachability.method``.
-density_judge = partial(_judge, JudgeMethod.RMM)
-density_and_exact_judge = partial(_judge, JudgeMethod.BOTH)
-no_judge = partial(_judge, JudgeMethod.NONE)
+density_judge = partial(_filter, JudgeMethod.RMM)
+density_and_exact_judge = partial(_filter, JudgeMethod.BOTH)
+no_judge = partial(_filter, JudgeMethod.NONE)

@@ -6,7 +6,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 from feasigrasp.models.choices import ControlSpace
-from feasigrasp.models.control.planning.predicted_poses import PredictionModel
+from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.results.statistics import mean_of_objects

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -10,17 +9,13 @@ from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.choices import ControlSpace, controller_names, parse_word
-from feasigrasp.models.control.joint.law import JointControlOptions
-from feasigrasp.models.control.joint.options import SolutionOptions
-from feasigrasp.models.control.planning.cost_weights import CostWeights
+from feasigrasp.models.control.horizon.law import HorizonOptions
+from feasigrasp.models.control.horizon.program import ProgramOptions
 from feasigrasp.models.control.planning.static_grid import static_grid
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
-from feasigrasp.models.control.task.choice import ChoiceOptions
-from feasigrasp.models.control.task.pursuit import PursuitOptions
-from feasigrasp.models.control.task.safe_law import TaskControlOptions
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
-from feasigrasp.models.reach.predicted_reachability import WAY_IN, Judge
+from feasigrasp.models.reach.interception import InterceptionOptions
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.gripper import load_gripper
@@ -29,7 +24,7 @@ from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.sampling import (
     make_static_obstacles,
 )
-from feasigrasp.scenario.schema import CLOSED_FORM, EXACT, ControlConfig, Scenario
+from feasigrasp.scenario.schema import EXACT, Scenario
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
@@ -70,25 +65,22 @@ def make_static_grid(scenario: Scenario) -> ObstacleGrid | None:
 
 
 def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> LeafSystem:
-    """The reachability filter of a scenario; the paper's modes skip the approach corridor."""
+    """The reachability filter of a scenario."""
     config = scenario.reachability
-    judge: Judge = reachability
     if config.method != EXACT:
-        judge = load_plugin("judges", config.method)(scenario, reachability)
-        if isinstance(judge, LeafSystem):  # a filter of its own
-            return judge
+        return cast(LeafSystem, load_plugin("judges", config.method)(scenario, reachability))
     return ReachabilityFilter(
-        judge,
-        horizon=config.horizon,
+        reachability,
+        options=_interception(scenario),
+        prediction=scenario.control.prediction,
         symmetric_grasps=config.symmetric_grasps,
-        way_in=WAY_IN if scenario.control.safe else 0.0,
         period=config.period,
     )
 
 
 def make_controller(scenario: Scenario, reachability: Reachability) -> GraspController:
     """The controller of a scenario."""
-    config, period = scenario.control, scenario.reachability.period
+    config = scenario.control
     safety = SafetyOptions(
         period=config.period,
         speed=config.speed,
@@ -102,46 +94,23 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
     mode = added_mode(config.mode)
     if mode is not None:
         return cast(GraspController, mode.make_controller(scenario, reachability))
-    if config.controller == ControlSpace.JOINT:
-        solutions = SolutionOptions(n_solutions=config.n_solutions)
-        if config.source != CLOSED_FORM:
-            solutions = replace(solutions, find=load_plugin("ik_sources", config.source))
-        joint_options = JointControlOptions(
-            gain=config.gain or JointControlOptions.gain,
-            max_speed=config.speed * JointControlOptions.max_speed,
-            feed_forward=config.feed_forward,
-            solutions=solutions,
-            costs=_costs(config, CostWeights.for_joint_field(1.5 if scenario.grasp.close else 3.0)),
-            prediction=config.prediction,
-            safety=safety,
-        )
-        way_in = joint_options.corridor._replace(min_standoff=scenario.grasp.standoff)
-        joint_options = replace(joint_options, corridor=way_in)
-        return GPJointController(reachability, joint_options, period=period)
-    costs = CostWeights.to_grasp_soon() if scenario.grasp.close else CostWeights()
-    way_in = ApproachCorridor(min_standoff=scenario.grasp.standoff)
-    choice = ChoiceOptions(_costs(config, costs), config.prediction, corridor=way_in)
-    if not config.density:
-        choice = replace(choice, neighbourhood=0.0)
-    options = TaskControlOptions(
-        gain=config.gain or TaskControlOptions.gain,
-        feed_forward=config.feed_forward,
-        choice=choice,
-        pursuit=PursuitOptions(speed_share=config.speed * PursuitOptions.speed_share),
-        safety=safety,
+    options = HorizonOptions(
+        prediction=config.prediction,
+        neighbours=HorizonOptions.neighbours if config.density else 1,
+        rank_period=scenario.reachability.period,
+        corridor=ApproachCorridor(min_standoff=scenario.grasp.standoff),
+        interception=_interception(scenario),
+        program=ProgramOptions(safety=safety),
     )
-    return RMMTaskController(reachability, options, period=period, seed=scenario.random_seed)
+    kind = GPJointController if config.controller == ControlSpace.JOINT else RMMTaskController
+    return kind(reachability, options)
 
 
-def _costs(config: ControlConfig, costs: CostWeights) -> CostWeights:
-    """The prices at the arm's speed, without those that the scenario switches off."""
-    return replace(
-        costs,
-        speed_share=config.speed * costs.speed_share,
-        follow_share=config.speed * costs.follow_share,
-        regrip_time=costs.regrip_time / config.speed,
-        score=costs.score if config.score else 0.0,
-        density=costs.density if config.density else 0.0,
+def _interception(scenario: Scenario) -> InterceptionOptions:
+    """What can be followed at the arm's speed, scores counted if the scenario says so."""
+    config, default = scenario.control, InterceptionOptions
+    return InterceptionOptions(
+        velocity=config.speed * default.velocity, score=default.score if config.score else 0.0
     )
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models.control.joint.field import NOISE_VARIANCE
+from feasigrasp.models.control.horizon.distance_field import NOISE_VARIANCE
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.planning.continuation import flange_pose_kernel, solve_kernel
+from feasigrasp.models.ik.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.predicted_reachability import KeepingRule, judge_grasps

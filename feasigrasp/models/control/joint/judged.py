@@ -10,7 +10,7 @@ from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.planning.branch_switches import path_cost_kernel
 from feasigrasp.models.control.planning.candidate_graph import candidate_cost_kernel
-from feasigrasp.models.control.planning.continuation import flange_pose_kernel, solve_kernel
+from feasigrasp.models.ik.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.ik.self_motion import inside_limits_kernel, travel_time_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7

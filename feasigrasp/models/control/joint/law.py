@@ -18,7 +18,7 @@ from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.joint.field import (
+from feasigrasp.models.control.horizon.distance_field import (
     NOISE_VARIANCE,
     distances_kernel,
     evaluate_kernel,
@@ -32,7 +32,7 @@ from feasigrasp.models.control.planning.clearance_schedule import (
     scheduled_obstacle,
 )
 from feasigrasp.models.control.planning.cost_weights import CostWeights
-from feasigrasp.models.control.planning.predicted_poses import PredictionModel, predicted_poses
+from feasigrasp.models.objects.predicted_poses import PredictionModel, predicted_poses
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Indices
-from feasigrasp.models.control.joint.field import distances_kernel, length_scale_kernel
+from feasigrasp.models.control.horizon.distance_field import distances_kernel, length_scale_kernel
 from feasigrasp.models.control.joint.judged import JudgedSolutions, judge_kernel
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.planning.continuation import branch_kernel, flange_pose_kernel
+from feasigrasp.models.ik.continuation import branch_kernel, flange_pose_kernel
 from feasigrasp.models.control.planning.cost_weights import CostWeights
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, standoff_kernel

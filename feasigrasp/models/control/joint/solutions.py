@@ -1,6 +1,6 @@
 """IK solutions of many grasps with a fixed branch and arm angle while the object moves.
 
-A solution here is a candidate (`feasigrasp.models.control.planning.continuation`) with its arm
+A solution here is a candidate (`feasigrasp.models.ik.continuation`) with its arm
 angle: the closed form gives its configuration anew at any pose of the object. That is the paper's
 "resample with the same seed" without a seed. Arm angles and costs change as smooth functions of
 time, from one update to the next.
@@ -14,7 +14,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.planning.continuation import (
+from feasigrasp.models.ik.continuation import (
     candidate_velocity_kernel,
     flange_pose_kernel,
     solve_kernel,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.planning.candidate_graph import CandidateGraph
-from feasigrasp.models.control.planning.continuation import stand_behind_kernel
+from feasigrasp.models.ik.continuation import stand_behind_kernel
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, standoff_kernel
 from feasigrasp.models.ik.self_motion import travel_time_kernel

@@ -12,7 +12,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.planning.continuation import flange_pose_kernel, solve_kernel
+from feasigrasp.models.ik.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.control.planning.cost_weights import (
     running_cost_kernel,
     terminal_cost_kernel,

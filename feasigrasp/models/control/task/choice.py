@@ -36,9 +36,9 @@ from feasigrasp.models.control.planning.branch_switches import (
     remaining_cost_kernel,
 )
 from feasigrasp.models.control.planning.candidate_graph import candidate_graph_kernel
-from feasigrasp.models.control.planning.continuation import branch_kernel
+from feasigrasp.models.ik.continuation import branch_kernel
 from feasigrasp.models.control.planning.cost_weights import CostWeights, instant_at
-from feasigrasp.models.control.planning.predicted_poses import PredictionModel
+from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.models.control.task.target import neighbours
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, grasp_errors
 from feasigrasp.models.ik.self_motion import arm_angle

@@ -14,7 +14,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.planning.continuation import (
+from feasigrasp.models.ik.continuation import (
     branch_kernel,
     candidate_velocity_kernel,
     stand_behind_kernel,

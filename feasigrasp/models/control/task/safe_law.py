@@ -34,7 +34,7 @@ from feasigrasp.models.control.planning.clearance_schedule import (
     retreat_velocity,
     scheduled_obstacle,
 )
-from feasigrasp.models.control.planning.predicted_poses import predicted_poses
+from feasigrasp.models.objects.predicted_poses import predicted_poses
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity

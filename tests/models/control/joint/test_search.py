@@ -10,7 +10,7 @@ from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.search import IRRELEVANT, SolutionSearch, matches
 from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.joint.sources import APART, closed_form_configurations
-from feasigrasp.models.control.planning.continuation import (
+from feasigrasp.models.ik.continuation import (
     branch_kernel,
     flange_pose_kernel,
     solve_kernel,

@@ -12,7 +12,7 @@ from feasigrasp.models.control.joint.solutions import (
     feed_forward_kernel,
     place_kernel,
 )
-from feasigrasp.models.control.planning.continuation import branch_kernel, candidate_velocity_kernel
+from feasigrasp.models.ik.continuation import branch_kernel, candidate_velocity_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, standoff_kernel
 from feasigrasp.models.ik.self_motion import arm_angle_kernel

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from feasigrasp.models.control.planning.predicted_poses import PredictionModel, predicted_poses
+from feasigrasp.models.objects.predicted_poses import PredictionModel, predicted_poses
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.prediction import MotionEstimate
 

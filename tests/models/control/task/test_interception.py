@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from feasigrasp.models.control.planning.predicted_poses import PredictionModel
+from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.control.task.safe_law import (
     _SOONEST,

@@ -8,12 +8,13 @@ configurations; the one of least cost counts::
 
     cost = interception time + lack max(0, enough - duration) + strain max(0, a - easy)
 
-with the largest share ``a`` of the acceleration limits on the path.
+with the largest share ``a`` of the acceleration limits on the path. A good score of the grasp makes
+up for some of it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array, Frozen, Indices, record
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.planning.continuation import (
+from feasigrasp.models.ik.continuation import (
     branch_kernel,
     flange_pose_kernel,
     solve_kernel,
@@ -34,6 +35,8 @@ from feasigrasp.models.ik.self_motion import (
     next_nearest_kernel,
     self_motion_kernel,
 )
+from feasigrasp.models.objects.prediction import Motion
+from feasigrasp.models.objects.predicted_poses import PredictionModel, predicted_poses
 from feasigrasp.models.reach.kernels import REACHABLE, hand_verdict_kernel, make_scratch
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
@@ -42,6 +45,8 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 #: An arm that is late by less than this is in time: the errors of an arm that follows [s]. Source:
 #: guessed.
 _IN_TIME = 0.04
+#: Scores below this count as this. Source: guessed.
+_LEAST_SCORE = 0.05
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,7 @@ class InterceptionOptions:
             fixed.
         harder: Likewise for acceleration.
         way_in: Distance behind the grasp that must be inside the joint limits as well [m].
+        score: What a factor e in score is worth [s]; the prototype's choice.
     """
 
     step: float = 0.125
@@ -81,6 +87,7 @@ class InterceptionOptions:
     faster: float = 1.1
     harder: float = 1.3
     way_in: float = 0.05
+    score: float = 0.3
 
     @cached_property
     def record(self) -> NDArray[np.void]:
@@ -95,6 +102,38 @@ class InterceptionOptions:
         """
         start = float(np.ceil(now / self.step - 1e-6) * self.step - now)
         return np.maximum(start, 0.0) + self.step * np.arange(self.instants)
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """Arm and object now.
+
+    Attributes:
+        time: Now [s].
+        q: Joint positions [rad], shape (7,).
+        v: Joint velocities [rad/s], shape (7,).
+        X_WO: Object pose, shape (4, 4) [m].
+        V_WO: Object twist [angular; linear], shape (6,).
+        motion: Predicts the object.
+        prediction: What the object is taken to do, a `PredictionModel`.
+    """
+
+    time: float
+    q: Array
+    v: Array
+    X_WO: Array
+    V_WO: Array
+    motion: Motion | None = None
+    prediction: str = PredictionModel.PREDICTED
+
+    @property
+    def known(self) -> bool:
+        """Whether the object's pose and twist are."""
+        return bool(np.isfinite(self.X_WO).all() and np.isfinite(self.V_WO).all())
+
+    def future(self, ahead: Array) -> Array:
+        """Predicted poses (k, 4, 4) of the object at times from now on [s]."""
+        return predicted_poses(self.prediction, self.motion, self.X_WO, self.V_WO, ahead)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,27 +159,23 @@ class Interceptions(Frozen):
 
 def find_interceptions(
     X_OG: Array,
-    X_WO: Array,
-    q: Array,
-    v: Array,
+    score: Array,
+    now: Situation,
     reachability: Reachability,
     options: InterceptionOptions,
-    now: float = 0.0,
     present: tuple[int, float] | None = None,
 ) -> Interceptions:
     """Interceptions of grasps, each by its own best configuration.
 
     Args:
         X_OG: Grasps in the object frame, shape (n, 4, 4) [m].
-        X_WO: Predicted poses of the object at ``options.times(now)``, shape (k, 4, 4) [m].
-        q: Joint positions [rad], shape (7,).
-        v: Joint velocities [rad/s], shape (7,).
+        score: Their scores, shape (n,).
+        now: Arm and object.
         reachability: Hand, limits and clearances.
         options: Instants, limits and weights.
-        now: The time [s].
         present: Branch and arm angle [rad] to which the last grasp is bound; None if it is not.
     """
-    n = len(X_OG)
+    n, times = len(X_OG), options.times(now.time)
     found = Interceptions(
         np.full(n, np.inf),
         np.full(n, np.inf),
@@ -150,13 +185,14 @@ def find_interceptions(
         np.zeros(n),
     )
     _interceptions_kernel(
-        *(np.array(X_OG, dtype=float), np.array(X_WO, dtype=float)),
-        *(np.array(q, dtype=float), np.array(v, dtype=float), float(options.times(now)[0])),
+        *(np.array(X_OG, dtype=float), np.array(now.future(times), dtype=float)),
+        *(np.array(now.q, dtype=float), np.array(now.v, dtype=float), float(times[0])),
         *((-1, 0.0) if present is None else present),
         *(se3.inverse(reachability.gripper.X_FG), reachability.search, options.record),
         *(found.cost, found.arrival, found.q, found.v, found.branch, found.psi),
     )
-    return found
+    worth = options.score * np.log(np.clip(score, _LEAST_SCORE, 1.0))
+    return replace(found, cost=found.cost - worth)
 
 
 @compiled

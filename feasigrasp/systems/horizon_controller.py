@@ -1,47 +1,54 @@
-"""Receding-horizon controller of the arm."""
+"""Receding-horizon controller of the arm, the base of both grasp controllers."""
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
+from feasigrasp.errors import ControlError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.choices import ControlSpace
+from feasigrasp.models.control.horizon.law import (
+    HorizonOptions,
+    HorizonPlan,
+    next_plan,
+    plan_velocity,
+)
 from feasigrasp.models.control.planning.clearance_schedule import (
     retreat_velocity,
     scheduled_obstacle,
 )
-from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.reach.interception import Situation
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
-from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.controller_inputs import ControllerInputs
 from feasigrasp.systems.grasp_controller import GraspController
-from feasigrasp_lab.horizon.law import (
-    HorizonOptions,
-    HorizonPlan,
-    Situation,
-    next_plan,
-    plan_velocity,
-)
-from feasigrasp_lab.horizon.program import ProgramOptions
-
-
-def make_controller(
-    scenario: Scenario, reachability: Reachability, safety: SafetyOptions
-) -> HorizonController:
-    """The controller ``horizon`` of a scenario; it has no other mode than ``safe``."""
-    return HorizonController(reachability, HorizonOptions(program=ProgramOptions(safety=safety)))
 
 
 class HorizonController(GraspController):
-    """Follows the grasp that is soonest intercepted and long enough followed.
+    """Follows the grasp that is soonest intercepted and long enough followed, and those near it.
 
     Every update solves a quadratic program over the next second; the memory is a `HorizonPlan`. In
-    between the plan is interpolated, and the safety filter keeps limits and clearances.
+    between the plan is interpolated, and the safety filter keeps limits and clearances. Without
+    grasps, or while the object's pose or twist is not finite, the command is to stop.
+
+    Attributes:
+        space: Space of the term over the grasps.
     """
 
+    space: ClassVar[ControlSpace]
+
+    @checked(ControlError)
     def __init__(self, reachability: Reachability, options: HorizonOptions | None = None) -> None:
-        """A controller of `next_plan`."""
+        """A controller of `next_plan`.
+
+        Args:
+            reachability: What the arm can reach, and its gripper.
+            options: Weights and limits.
+        """
         self._options = options or HorizonOptions()
         program = self._options.program
         super().__init__(
@@ -49,28 +56,33 @@ class HorizonController(GraspController):
         )
         self.warm_up()
 
+    @checked(ControlError)
     def update(self, memory: HorizonPlan, inputs: ControllerInputs) -> HorizonPlan:
         """The next plan."""
         qd = inputs.qd_last
-        v = np.zeros(IIWA_7.joints) if qd is None else qd
-        now = Situation(inputs.time, inputs.q, v, inputs.X_WO, inputs.V_WO, inputs.motion)
+        now = Situation(
+            *(inputs.time, inputs.q, np.zeros(IIWA_7.joints) if qd is None else qd),
+            *(inputs.X_WO, inputs.V_WO, inputs.motion, self._options.prediction),
+        )
         return next_plan(
-            *(memory, now, inputs.grasps, self.reachability, self._options),
+            *(memory, now, inputs.grasps, self.reachability, self._options, self.space),
             committed=inputs.committed,
         )
 
+    @checked(ControlError)
     def chosen(self, memory: HorizonPlan) -> Array | None:
         """The selected grasp."""
         return memory.X_OG
 
+    @checked(ControlError)
     def velocity(self, memory: HorizonPlan, inputs: ControllerInputs) -> Array:
         """The velocity of the plan, inside limits and clearances."""
         X_FG, q, last = self.reachability.gripper.X_FG, inputs.q, inputs.qd_last
-        grasp = [] if memory.X_OG is None else [memory.X_OG]
+        grasp = memory.grasps[:1]
         moving = scheduled_obstacle(
             *(inputs.surface, q, inputs.X_WO, inputs.V_WO, X_FG, grasp, self._options.corridor)
         )
-        if grasp and moving is not None and moving.misaligned:
+        if len(grasp) and moving is not None and moving.misaligned:
             return retreat_velocity(
                 self.safety, q, X_FG, moving, qd_last=last, obstacles=inputs.obstacles
             )

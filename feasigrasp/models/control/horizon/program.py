@@ -42,17 +42,20 @@ class ProgramOptions:
     Attributes:
         steps: Between the knots [s]; the first is the period of the plans. 12 of them are the
             prototype's choice: 84 unknowns, 0.4 ms.
-        position: Weight of the hand's position error [1/m^2]: 1 at 3 mm, half the tolerance of
-            closing. It and ``rotation`` were chosen among two values on the circle at 0.6 m/s.
-        rotation: Of its angle error [1/rad^2]: 1 at 0.022 rad.
+        tail: Exponent nu of the density of grasps.
+        tail_position: Position error at which the density has halved in weight, so that far away
+            the joints lead [m]; sqrt(2 nu) times smaller, at 3 mm, the error counts 1: half the
+            tolerance of closing. It and the next were chosen among two values on the circle at
+            0.6 m/s.
+        tail_angle: Angle error, likewise [rad]: it counts 1 at 0.022 rad.
+        worth: What a second of a grasp's cost is worth in its log density [1/s]; guessed.
+        distance: Weight of the distance field [1/rad^2]: 1 at 0.01 rad; guessed.
+        speed: What a second of a grasp's cost is worth in the distance field [rad/s]; guessed.
         joint: Of the joints' distance to the reference [1/rad^2]: 1 at 0.045 rad; guessed, as all
             below.
         velocity: Of the joint velocity relative to the reference's [s^2/rad^2].
         acceleration: Of the joint acceleration relative to the reference's [s^4/rad^2].
         terminal: The last knot counts as this much time more [s].
-        kernel_position: Position error at which the hand's weights are halved, so that far away the
-            joints lead [m].
-        kernel_angle: Angle error, likewise [rad].
         near: A reference this close to the joints is followed at once, not intercepted [rad].
         safety: Limits, those of the safety filter.
     """
@@ -61,14 +64,16 @@ class ProgramOptions:
         *(0.02, 0.03, 0.04, 0.05, 0.06, 0.07),
         *(0.08, 0.09, 0.1, 0.12, 0.14, 0.16),
     )
-    position: float = 1e5
-    rotation: float = 2e3
+    tail: float = 1000.0
+    tail_position: float = 0.15
+    tail_angle: float = 1.0
+    worth: float = 20.0
+    distance: float = 1e4
+    speed: float = 1.0
     joint: float = 500.0
     velocity: float = 2.0
     acceleration: float = 0.3
     terminal: float = 0.3
-    kernel_position: float = 0.15
-    kernel_angle: float = 0.8
     near: float = 0.3
     safety: SafetyOptions = field(default_factory=SafetyOptions)
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.arguments import check_fields, checked
-from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.grasps.non_maximum_suppression import HYSTERESIS
 from feasigrasp.models.objects.prediction import Motion, future_poses
@@ -24,6 +23,7 @@ from feasigrasp.models.quantities import (
     NotNegative,
     Share,
 )
+from feasigrasp.models.reach.followable import JudgedGrasps, judged
 from feasigrasp.models.reach.kernels import REACHABLE
 from feasigrasp.models.reach.reachability import VERDICTS, Verdict
 
@@ -40,21 +40,6 @@ class Judge(Protocol):
 
     def verdicts(self, X_WG: Annotated[ArrayLike, ANY_POSES]) -> NDArray[np.int8]:
         """Verdicts on hand poses (n, 4, 4) in the base frame, places in `VERDICTS`, shape (n,)."""
-
-
-@dataclass(frozen=True, eq=False)
-class JudgedGrasps(Frozen):
-    """The grasps in reach, and what became of every one.
-
-    Attributes:
-        grasps: Those that are kept, in the object frame, best score first; their ``on_object`` has
-            the ids of all that were given.
-        verdicts: A `Verdict` on every grasp given, then on the 180-degree flip of every grasp, if
-            those count.
-    """
-
-    grasps: GraspSet
-    verdicts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -143,10 +128,7 @@ def judge_grasps(
     if kept:
         enough = rule.score_share * both.score[kept].max()
         kept = [i for i in sorted(kept, key=lambda i: -both.score[i]) if both.score[i] >= enough]
-    verdicts[kept] = Verdict.KEPT
-    counts = Counter(reason for reason in verdicts if reason != Verdict.KEPT)
-    chosen = both.select(np.array(kept, dtype=int)).counted(counts)
-    return JudgedGrasps(replace(chosen, on_object=grasps.id), tuple(verdicts.tolist()))
+    return judged(grasps, both, np.array(kept, dtype=int), verdicts)
 
 
 def _stays_in_reach(X_OG: Array, X_later: Array, judge: Judge) -> Mask:

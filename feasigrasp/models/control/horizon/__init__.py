@@ -1,0 +1,1 @@
+"""Receding-horizon control of the arm towards grasps of a moving object."""

@@ -1,0 +1,303 @@
+"""Receding-horizon control towards the grasps of a moving object that can be followed.
+
+Ten times a second all grasps are ranked by their interceptions, and the best one is selected, with
+hysteresis. Fifty times a second one step of the optimal control problem over the next second is
+solved, about the plan before. Its cost has the distance to a reference
+(`feasigrasp.models.control.horizon.reference`) and one of two terms over the grasps near the
+selected one: in task space the negative log density of a Riemannian mixture, in joint space the
+distance field over their inverse kinematics solutions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from feasigrasp.models.arrays import Array, Frozen, Indices
+from feasigrasp.models.choices import ControlSpace
+from feasigrasp.models.compiled import compiled
+from feasigrasp.models.control.horizon.density import density_kernel
+from feasigrasp.models.control.horizon.distance import distance_kernel
+from feasigrasp.models.control.horizon.program import ProgramOptions, positions, solve_program
+from feasigrasp.models.control.horizon.reference import INSTANT, reference_kernel
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, grasp_errors
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.ik.continuation import branch_kernel
+from feasigrasp.models.ik.self_motion import arm_angle_kernel
+from feasigrasp.models.objects.predicted_poses import PredictionModel
+from feasigrasp.models.reach.interception import (
+    InterceptionOptions,
+    Interceptions,
+    Situation,
+    find_interceptions,
+)
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
+
+#: A grasp this close to the selected one is taken for it when grasps are sampled anew [m, rad].
+#: Source: guessed.
+_SAME_GRASP = np.array([0.012, 0.25])
+#: Grasps this close to the selected one are its neighbours [m, rad], if they are held in
+#: configurations this close to its own [rad]. Source: guessed.
+_NEIGHBOUR, _SAME_ARM = np.array([0.05, 0.6]), 0.6
+
+
+@dataclass(frozen=True)
+class HorizonOptions:
+    """Options of the law.
+
+    Attributes:
+        prediction: What the object is taken to do, a `PredictionModel`.
+        rank_period: Between rankings [s], the period of the grasps.
+        switch: What another grasp must save [s]; the prototype's choice, as the next.
+        patience: A grasp that is not offered any more is followed for this time [s].
+        neighbours: Most grasps that the term is over; 1 for the selected one alone.
+        corridor: The way into a grasp.
+        interception: What can be followed.
+        program: Knots and weights.
+    """
+
+    prediction: str = PredictionModel.PREDICTED
+    rank_period: float = 0.1
+    switch: float = 0.3
+    patience: float = 0.5
+    neighbours: int = 6
+    corridor: ApproachCorridor = field(default_factory=ApproachCorridor)
+    interception: InterceptionOptions = field(default_factory=InterceptionOptions)
+    program: ProgramOptions = field(default_factory=ProgramOptions)
+
+
+@dataclass(frozen=True, eq=False)
+class HorizonPlan(Frozen):
+    """A plan, and the grasps that it leads to.
+
+    Attributes:
+        time: When it was made [s].
+        v: Joint velocities at the knots, shape (N + 1, 7) [rad/s]; None before the first plan.
+        grasps: The selected grasp and its neighbours in O, shape (m, 4, 4) [m]; m = 0 without one.
+        branch: Their inverse-kinematics branches, shape (m,).
+        psi: Their arm angles, shape (m,) [rad].
+        penalty: By how much they cost more than the selected one, shape (m,) [s].
+        arrival: Interception time of the selected one [s].
+        q: Configuration then, shape (7,) [rad].
+        v_arrival: Its velocity, shape (7,) [rad/s].
+        ranked: When the grasps were ranked [s].
+        seen: When the selected grasp was last offered [s].
+    """
+
+    time: float = -np.inf
+    v: Array | None = None
+    grasps: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
+    branch: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    psi: Array = field(default_factory=lambda: np.zeros(0))
+    penalty: Array = field(default_factory=lambda: np.zeros(0))
+    arrival: float = 0.0
+    q: Array = field(default_factory=lambda: np.zeros(IIWA_7.joints))
+    v_arrival: Array = field(default_factory=lambda: np.zeros(IIWA_7.joints))
+    ranked: float = -np.inf
+    seen: float = -np.inf
+
+    @property
+    def X_OG(self) -> Array | None:
+        """The selected grasp, shape (4, 4) [m]; None without one."""
+        return self.grasps[0] if len(self.grasps) else None
+
+    def without_grasp(self, time: float) -> HorizonPlan:
+        """The plan at a time [s], with no grasp selected."""
+        return replace(self, time=time, grasps=np.zeros((0, 4, 4)))
+
+
+def next_plan(
+    before: HorizonPlan,
+    now: Situation,
+    grasps: GraspSet,
+    reachability: Reachability,
+    options: HorizonOptions,
+    space: ControlSpace,
+    *,
+    committed: bool = False,
+) -> HorizonPlan:
+    """The next plan; without a grasp if none can be intercepted, or the object is unknown.
+
+    Args:
+        before: The plan before.
+        now: Arm and object.
+        grasps: Grasps on offer, in O.
+        reachability: Hand, limits and clearances.
+        options: Weights and limits.
+        space: Of the term over the grasps.
+        committed: Whether the hand is closing, or has closed, on the first of the grasps.
+    """
+    if not now.known:
+        return before.without_grasp(now.time)
+    if committed and len(grasps):
+        plan = _committed(before, now, grasps.X_OG[0])
+    else:
+        plan = _selected(before, now, grasps, reachability, options)
+    if plan.X_OG is None:
+        return plan
+    program, n = options.program, len(options.program.steps)
+    times = program.times[1:]
+    X_WO, after = now.future(np.concatenate([times, times + INSTANT])).reshape(2, n, 4, 4)
+    v = _shifted(before, now, program)
+    H, g = np.empty((n, IIWA_7.joints, IIWA_7.joints)), np.empty((n, IIWA_7.joints))
+    v_ref = np.empty((n, IIWA_7.joints))
+    X_FG = reachability.gripper.X_FG
+    _cost_kernel(
+        *(positions(now.q, v, program), times, np.array(X_WO), np.array(after)),
+        *(np.array(plan.grasps), np.array(plan.branch), np.array(plan.psi)),
+        *(np.array(plan.penalty), space == ControlSpace.TASK),
+        *(np.array(now.q), np.array(now.v), plan.arrival - now.time),
+        *(np.array(plan.q), np.array(plan.v_arrival), options.corridor.parameters),
+        *(X_FG, se3.inverse(X_FG), program.record, H, g, v_ref),
+    )
+    solved = solve_program(now.q, v, H, g, v_ref, program)
+    if solved is None:  # brake
+        solved = v[0] * np.linspace(1.0, 0.0, n + 1)[:, None]
+    return replace(plan, v=solved)
+
+
+@compiled
+def _cost_kernel(
+    Q,
+    times,
+    X_WO,
+    X_WO_after,
+    X_OG,
+    branch,
+    psi,
+    penalty,
+    in_task_space,
+    q,
+    v,
+    left,
+    q_there,
+    v_there,
+    corridor,
+    X_FG,
+    X_GF,
+    options,
+    H,
+    g,
+    v_ref,
+):
+    """Writes Hessians H (N, 7, 7), gradients g (N, 7) and velocities of the reference (N, 7)."""
+    o, n, count = options[0], IIWA_7.joints, len(Q)
+    X_WH, J_WH = np.empty((count, 4, 4)), np.empty((count, 6, n))
+    for k in range(count):
+        pose_jacobian_kernel(Q[k], X_FG, X_WH[k], J_WH[k])
+    q_ref, share = np.empty((count, n)), np.empty(count)
+    reference_kernel(
+        *(X_WH, times, X_WO, X_WO_after, X_OG[0], branch[0], psi[0], q, v, left, q_there, v_there),
+        *(corridor, X_GF, o.near, q_ref, v_ref, share),
+    )
+    for k in range(count):
+        for j in range(n):
+            g[k, j] = o.joint * (Q[k, j] - q_ref[k, j])
+            for i in range(n):
+                H[k, j, i] = o.joint if i == j else 0.0
+    if in_task_space:
+        density_kernel(X_WH, J_WH, X_WO, X_OG, o.worth * penalty, share, corridor, options, H, g)
+    else:
+        distance_kernel(
+            *(Q, X_WH, X_WO, X_OG, branch, psi, o.speed * penalty, share, corridor, X_GF),
+            *(o.distance, H, g),
+        )
+
+
+def plan_velocity(plan: HorizonPlan, time: float, options: ProgramOptions) -> Array:
+    """Joint velocity (7,) [rad/s] of a plan for the tick that begins at a time [s]."""
+    if plan.X_OG is None or plan.v is None:
+        return np.zeros(IIWA_7.joints)
+    at = time - plan.time + options.safety.period
+    return np.array([np.interp(at, options.times, column) for column in plan.v.T])
+
+
+def _shifted(before: HorizonPlan, now: Situation, options: ProgramOptions) -> Array:
+    """Velocities of the plan before at the knots from now on, the first those of the arm."""
+    if before.v is None or before.X_OG is None:
+        return np.vstack([now.v, np.zeros((len(options.steps), IIWA_7.joints))])
+    at = options.times + now.time - before.time
+    v = np.array([np.interp(at, options.times, column) for column in before.v.T]).T
+    return np.vstack([now.v, np.clip(v[1:], -options.most_v, options.most_v)])
+
+
+def _committed(before: HorizonPlan, now: Situation, X_OG: Array) -> HorizonPlan:
+    """The plan before with the grasp that the hand closes on, in the present configuration."""
+    plan = replace(before, time=now.time, arrival=now.time)
+    if before.X_OG is not None and np.array_equal(X_OG, before.X_OG):
+        return _of_first(plan)
+    q = np.array(now.q)
+    branch, psi = np.array([branch_kernel(q)]), np.array([arm_angle_kernel(q)])
+    return replace(
+        plan, grasps=np.array(X_OG)[None], branch=branch, psi=psi, penalty=np.zeros(1), q=q
+    )
+
+
+def _of_first(plan: HorizonPlan) -> HorizonPlan:
+    """The plan with the selected grasp alone."""
+    return replace(
+        *(plan,),
+        grasps=plan.grasps[:1],
+        branch=plan.branch[:1],
+        psi=plan.psi[:1],
+        penalty=plan.penalty[:1],
+    )
+
+
+def _selected(
+    before: HorizonPlan,
+    now: Situation,
+    grasps: GraspSet,
+    reachability: Reachability,
+    options: HorizonOptions,
+) -> HorizonPlan:
+    """The plan before with the grasps to go for; without one if none can be intercepted."""
+    time, X_OG, score, present = now.time, grasps.X_OG, grasps.score, None
+    plan = replace(before, time=time)
+    if before.X_OG is not None:
+        errors = np.max(grasp_errors(X_OG, before.X_OG) / _SAME_GRASP, axis=1, initial=0.0)
+        same = int(np.argmin(errors)) if len(errors) and errors.min() <= 1.0 else -1
+        plan = replace(plan, seen=time if same >= 0 else before.seen)
+        if same >= 0 or time < before.seen + options.patience:
+            if time < before.ranked + options.rank_period - 1e-9:
+                return plan
+            kept, worth = (X_OG[same], score[same]) if same >= 0 else (before.X_OG, 1.0)
+            X_OG, score = np.concatenate([X_OG, kept[None]]), np.append(score, worth)
+            present = int(before.branch[0]), float(before.psi[0])
+    plan = replace(plan, ranked=time)
+    if len(X_OG) == 0:
+        return plan.without_grasp(time)
+    found = find_interceptions(X_OG, score, now, reachability, options.interception, present)
+    cost = found.cost.copy()
+    if present is not None:
+        cost[-1] -= options.switch
+    best = int(np.argmin(cost))
+    if not np.isfinite(cost[best]):
+        return plan if present is not None else plan.without_grasp(time)
+    near = _neighbours(best, X_OG, found, options.neighbours)
+    return replace(
+        plan,
+        grasps=X_OG[near],
+        branch=found.branch[near],
+        psi=found.psi[near],
+        penalty=np.maximum(found.cost[near] - found.cost[best], 0.0),
+        arrival=time + float(found.arrival[best]),
+        q=found.q[best],
+        v_arrival=found.v[best],
+        seen=plan.seen if present is not None and best == len(cost) - 1 else time,
+    )
+
+
+def _neighbours(best: int, X_OG: Array, found: Interceptions, most: int) -> Indices:
+    """Indices of a grasp and of those near it, the nearest first, shape (m,)."""
+    errors = np.max(grasp_errors(X_OG, X_OG[best]) / _NEIGHBOUR, axis=1)
+    errors[best] = -1.0
+    apart = np.abs(found.q - found.q[best]).max(axis=1)
+    near = np.isfinite(found.cost) & (errors < 1.0) & (apart < _SAME_ARM)
+    near &= found.branch == found.branch[best]
+    order = np.argsort(errors, kind="stable")
+    return order[near[order]][:most]

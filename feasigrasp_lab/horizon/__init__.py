@@ -1,1 +1,0 @@
-"""Receding-horizon control: an experiment beside the controllers of the product."""
