@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from feasigrasp.models.control.horizon.program import ProgramOptions, positions, solve_program
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp_lab.horizon.program import ProgramOptions, positions, solve_program
 
 OPTIONS = ProgramOptions()
 N = len(OPTIONS.steps)

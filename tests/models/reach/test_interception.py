@@ -4,17 +4,21 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp_lab.horizon.interception import (
+from feasigrasp.models.objects.predicted_poses import PredictionModel
+from feasigrasp.models.reach.interception import (
     InterceptionOptions,
+    Situation,
     find_interceptions,
     least_time_kernel,
 )
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
 
 OPTIONS = InterceptionOptions()
 Q = np.array([0.1, 0.7, 0.1, 1.4, 0.1, -0.8, 0.1])
+X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
+STILL = np.zeros(6)
 
 
 @pytest.fixture(scope="module")
@@ -22,12 +26,13 @@ def reachability():
     return Reachability()
 
 
-def path(X_WO, twist):
-    """Poses at the instants of an object that moves on with a twist."""
-    return np.array([se3.extrapolate(X_WO, twist, t) for t in OPTIONS.times(0.0)])
+def interceptions(reachability, X_OG, V_WO=STILL, *, X_WO=X_WO, score=1.0, present=None, **motion):
+    """Interceptions of grasps of one score by an arm at Q, at rest."""
+    now = Situation(0.0, Q, np.zeros(7), X_WO, V_WO, **motion)
+    return find_interceptions(X_OG, np.full(len(X_OG), score), now, reachability, OPTIONS, present)
 
 
-def grasp_at(reachability, q, X_WO):
+def grasp_at(reachability, q):
     return (se3.inverse(X_WO) @ forward_kinematics(q, reachability.gripper.X_FG))[None]
 
 
@@ -53,10 +58,8 @@ def test_least_time_is_the_first_at_which_the_way_is_possible(seed):
 
 
 def test_a_resting_grasp_is_intercepted_where_it_is(reachability):
-    q_there = Q + 0.2
-    X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
-    X_OG = grasp_at(reachability, q_there, X_WO)
-    found = find_interceptions(X_OG, path(X_WO, np.zeros(6)), Q, 0.0 * Q, reachability, OPTIONS)
+    X_OG = grasp_at(reachability, Q + 0.2)
+    found = interceptions(reachability, X_OG)
     X_WG = forward_kinematics(found.q[0], reachability.gripper.X_FG)
     np.testing.assert_allclose(X_WG, X_WO @ X_OG[0], atol=1e-6)
     assert reachability.admissible(found.q)[0]
@@ -67,27 +70,49 @@ def test_a_resting_grasp_is_intercepted_where_it_is(reachability):
     assert found.arrival[0] < least + 2.0 * OPTIONS.step
 
 
+@pytest.mark.parametrize("w", [0.5, -1.5])
+def test_a_grasp_that_turns_is_intercepted_on_its_path(reachability, w):
+    """In position, and in velocity: that of the solution there over the next step."""
+    X_OG, V_WO = grasp_at(reachability, Q + 0.2), np.array([0.0, 0.0, w, 0.0, 0.0, 0.0])
+    found = interceptions(reachability, X_OG, V_WO)
+    for ahead in (0.0, OPTIONS.step):
+        X_WG = forward_kinematics(found.q[0] + ahead * found.v[0], reachability.gripper.X_FG)
+        there = se3.extrapolate(X_WO, V_WO, found.arrival[0] + ahead) @ X_OG[0]
+        np.testing.assert_allclose(X_WG, there, atol=1e-6)
+    assert np.abs(found.v[0]).max() > 0.2
+
+
+def test_the_prediction_decides_where_the_object_will_be(reachability):
+    X_OG, V_WO = grasp_at(reachability, Q + 0.2), np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    stays = interceptions(reachability, X_OG, V_WO, prediction=PredictionModel.NONE)
+    rests = interceptions(reachability, X_OG)
+    np.testing.assert_array_equal(stays.q, rests.q)
+    np.testing.assert_array_equal(stays.cost, rests.cost)
+
+
+def test_a_factor_of_e_in_score_is_worth_its_time(reachability):
+    X_OG = grasp_at(reachability, Q + 0.2)
+    best = interceptions(reachability, X_OG)
+    worse = interceptions(reachability, X_OG, score=np.exp(-1.0))
+    assert worse.cost[0] - best.cost[0] == pytest.approx(OPTIONS.score, abs=1e-12)
+    assert worse.arrival[0] == best.arrival[0]
+
+
 def test_a_present_configuration_is_kept_where_it_is_asked_for(reachability):
-    X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
-    X_OG = grasp_at(reachability, Q, X_WO)
+    X_OG = grasp_at(reachability, Q)
     both = np.concatenate([X_OG, X_OG])
-    poses = path(X_WO, np.zeros(6))
-    free = find_interceptions(both, poses, Q, 0.0 * Q, reachability, OPTIONS)
+    free = interceptions(reachability, both)
     other = float(free.psi[0]) + 0.3
-    present = int(free.branch[0]), other
-    bound = find_interceptions(both, poses, Q, 0.0 * Q, reachability, OPTIONS, 0.0, present)
+    bound = interceptions(reachability, both, present=(int(free.branch[0]), other))
     assert bound.psi[0] == free.psi[0]
     assert bound.psi[1] == other
     assert bound.cost[1] > bound.cost[0]
 
 
 def test_faster_objects_cost_more_until_none_can_be_followed(reachability):
-    X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
-    X_OG = grasp_at(reachability, Q, X_WO)
+    X_OG = grasp_at(reachability, Q)
     costs = [
-        find_interceptions(
-            X_OG, path(X_WO, np.array([0, 0, w, 0, 0, 0.0])), Q, 0.0 * Q, reachability, OPTIONS
-        ).cost[0]
+        interceptions(reachability, X_OG, np.array([0.0, 0.0, w, 0.0, 0.0, 0.0])).cost[0]
         for w in (0.0, 1.0, 20.0)
     ]
     assert costs[0] < costs[1] < costs[2]
@@ -95,11 +120,9 @@ def test_faster_objects_cost_more_until_none_can_be_followed(reachability):
 
 
 def test_out_of_reach_there_is_none(reachability):
-    X_WO = se3.make_pose(np.eye(3), [2.0, 0.0, 0.5])
-    found = find_interceptions(
-        np.eye(4)[None], path(X_WO, np.zeros(6)), Q, 0.0 * Q, reachability, OPTIONS
-    )
-    assert found.cost[0] == np.inf
+    far = se3.make_pose(np.eye(3), [2.0, 0.0, 0.5])
+    found = interceptions(reachability, np.eye(4)[None], X_WO=far)
+    assert found.cost[0] == found.arrival[0] == np.inf
 
 
 def test_instants_do_not_recede():
