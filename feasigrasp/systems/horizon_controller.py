@@ -67,6 +67,7 @@ class HorizonController(GraspController):
         return next_plan(
             *(memory, now, inputs.grasps, self.reachability, self._options, self.space),
             committed=inputs.committed,
+            surface=inputs.surface,
         )
 
     @checked(ControlError)

@@ -15,6 +15,11 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 
 
+#: Extra clearance to the object: this share of the hand's standoff, and at most this distance [m].
+#: Source: guessed.
+_SHARE, _MOST = 0.2, 0.01
+
+
 class ApproachCorridor(NamedTuple):
     """Shape of the approach corridor.
 
@@ -84,6 +89,18 @@ def standoff_kernel(X_OG, X_OH, corridor):
     angle = max(0.0, angle - corridor.angular_tolerance)
     standoff = corridor.lateral_gain * np.hypot(x, y) + corridor.angular_gain * angle
     return max(corridor.min_standoff, min(corridor.max_standoff, standoff))
+
+
+@compiled
+def extra_clearance_kernel(X_OG, X_OH, corridor):
+    """Distance beyond its clearance that a hand keeps off the object [m]: least for the grasps.
+
+    It is zero once the hand has lined up with one of the grasps ``X_OG`` (n, 4, 4).
+    """
+    extra = _MOST
+    for k in range(len(X_OG)):
+        extra = min(extra, _SHARE * standoff_kernel(X_OG[k], X_OH, corridor))
+    return extra
 
 
 @compiled

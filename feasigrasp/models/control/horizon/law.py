@@ -11,17 +11,20 @@ distance field over their inverse kinematics solutions.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.choices import ControlSpace
 from feasigrasp.models.compiled import compiled
+from feasigrasp.models.control.horizon.clearance import clearance_kernel
 from feasigrasp.models.control.horizon.density import density_kernel
 from feasigrasp.models.control.horizon.distance import distance_kernel
 from feasigrasp.models.control.horizon.program import ProgramOptions, positions, solve_program
 from feasigrasp.models.control.horizon.reference import INSTANT, reference_kernel
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.continuation import branch_kernel
@@ -34,6 +37,7 @@ from feasigrasp.models.reach.interception import (
     find_interceptions,
 )
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
@@ -43,6 +47,10 @@ _SAME_GRASP = np.array([0.012, 0.25])
 #: Grasps this close to the selected one are its neighbours [m, rad], if they are held in
 #: configurations this close to its own [rad]. Source: guessed.
 _NEIGHBOUR, _SAME_ARM = np.array([0.05, 0.6]), 0.6
+
+
+#: No object to keep off.
+_NO_SURFACE = ObstacleGrid(np.zeros((0, 0, 0), dtype=np.float32), np.zeros(5))
 
 
 @dataclass(frozen=True)
@@ -119,6 +127,7 @@ def next_plan(
     space: ControlSpace,
     *,
     committed: bool = False,
+    surface: ObstacleGrid | None = None,
 ) -> HorizonPlan:
     """The next plan; without a grasp if none can be intercepted, or the object is unknown.
 
@@ -130,6 +139,7 @@ def next_plan(
         options: Weights and limits.
         space: Of the term over the grasps.
         committed: Whether the hand is closing, or has closed, on the first of the grasps.
+        surface: Distances to the object's surface, in O, which the open hand keeps off.
     """
     if not now.known:
         return before.without_grasp(now.time)
@@ -145,19 +155,26 @@ def next_plan(
     v = _shifted(before, now, program)
     H, g = np.empty((n, IIWA_7.joints, IIWA_7.joints)), np.empty((n, IIWA_7.joints))
     v_ref = np.empty((n, IIWA_7.joints))
-    X_FG = reachability.gripper.X_FG
+    X_FG, grid = reachability.gripper.X_FG, surface or _NO_SURFACE
     _cost_kernel(
         *(positions(now.q, v, program), times, np.array(X_WO), np.array(after)),
         *(np.array(plan.grasps), np.array(plan.branch), np.array(plan.psi)),
         *(np.array(plan.penalty), space == ControlSpace.TASK),
         *(np.array(now.q), np.array(now.v), plan.arrival - now.time),
         *(np.array(plan.q), np.array(plan.v_arrival), options.corridor.parameters),
-        *(X_FG, se3.inverse(X_FG), program.record, H, g, v_ref),
+        *(X_FG, se3.inverse(X_FG), _open_hand(reachability.gripper), grid.values, grid.frame),
+        *(program.safety.object_clearance, program.record, H, g, v_ref),
     )
     solved = solve_program(now.q, v, H, g, v_ref, program)
     if solved is None:  # brake
         solved = v[0] * np.linspace(1.0, 0.0, n + 1)[:, None]
     return replace(plan, v=solved)
+
+
+@lru_cache(maxsize=8)
+def _open_hand(gripper: ParallelGripper) -> Array:
+    """Points on the outside of the open hand, in G, shape (k, 3) [m]."""
+    return gripper.surface_points(gripper.max_opening)
 
 
 @compiled
@@ -179,6 +196,10 @@ def _cost_kernel(
     corridor,
     X_FG,
     X_GF,
+    hand,
+    values,
+    frame,
+    clearance,
     options,
     H,
     g,
@@ -205,6 +226,11 @@ def _cost_kernel(
         distance_kernel(
             *(Q, X_WH, X_WO, X_OG, branch, psi, o.speed * penalty, share, corridor, X_GF),
             *(o.distance, H, g),
+        )
+    if values.size > 0:
+        clearance_kernel(
+            *(X_WH, J_WH, X_WO, X_OG, hand, values, frame, clearance, corridor),
+            *(o.clearance, H, g),
         )
 
 

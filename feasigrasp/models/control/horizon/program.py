@@ -51,6 +51,8 @@ class ProgramOptions:
         worth: What a second of a grasp's cost is worth in its log density [1/s]; guessed.
         distance: Weight of the distance field [1/rad^2]: 1 at 0.01 rad; guessed.
         speed: What a second of a grasp's cost is worth in the distance field [rad/s]; guessed.
+        clearance: Weight of the object's clearance at each point of the hand [1/m^2]: 1 at 7 mm;
+            guessed.
         joint: Of the joints' distance to the reference [1/rad^2]: 1 at 0.045 rad; guessed, as all
             below.
         velocity: Of the joint velocity relative to the reference's [s^2/rad^2].
@@ -70,6 +72,7 @@ class ProgramOptions:
     worth: float = 20.0
     distance: float = 1e4
     speed: float = 1.0
+    clearance: float = 2e4
     joint: float = 500.0
     velocity: float = 2.0
     acceleration: float = 0.3

@@ -17,9 +17,9 @@ from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid,
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.approach_corridor import (
     ApproachCorridor,
+    extra_clearance_kernel,
     grasp_errors,
     grasp_errors_kernel,
-    standoff_kernel,
 )
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import (
@@ -62,9 +62,6 @@ def obstacle_surface(grid: ObstacleGrid, X_OH: Array, X_OG: Array, hand: Array) 
     return grid.seen if (distance < 0.0).any() else grid
 
 
-#: Extra clearance: this share of the hand's standoff, and at most this distance [m]. Source:
-#: guessed.
-_SHARE, _MOST = 0.2, 0.01
 #: Nearer than this to the middle between its pads, the object is between the fingers [m]; a hand
 #: that is turned by more from each of its grasps is not there for any of them [rad]. Source:
 #: guessed.
@@ -153,11 +150,10 @@ def step_back(X_WH: Array, X_WO: Array, V_WO: Array) -> Array:
 @compiled
 def _schedule_kernel(q, X_FG, X_WO, X_OG, corridor, values, frame):
     """The reserve [m], and whether the object is between the fingers for none of the grasps."""
-    X_WH, extra_clearance = np.empty((4, 4)), _MOST
+    X_WH = np.empty((4, 4))
     pose_jacobian_kernel(q, X_FG, X_WH, None)
     X_OH = inverse_kernel(X_WO) @ X_WH
-    for k in range(len(X_OG)):
-        extra_clearance = min(extra_clearance, _SHARE * standoff_kernel(X_OG[k], X_OH, corridor))
+    extra_clearance = extra_clearance_kernel(X_OG, X_OH, corridor)
     middle = X_OH[0, 3], X_OH[1, 3], X_OH[2, 3]
     if len(X_OG) == 0 or grid_kernel(middle, values, frame)[0] > _BETWEEN:
         return extra_clearance, False
