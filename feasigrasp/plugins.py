@@ -11,10 +11,7 @@ Kinds, each with what an entry point of it is:
 - ``controllers``: a function ``(scenario, reachability, safety) -> GraspController``.
 - ``fields``: a function ``(cloud, length_scale=, noise_variance=, max_points=) ->
   feasigrasp.models.shape.gpdf.Gpdf``; ``noise_variance`` may be None.
-- ``ik_sources``: a function as `closed_form_configurations` of
-  `feasigrasp.models.control.joint.sources`.
-- ``judges``: a function ``(scenario, reachability) ->
-  feasigrasp.models.reach.predicted_reachability.Judge``, or a system with the ports of
+- ``judges``: a function ``(scenario, reachability) -> LeafSystem``, a system with the ports of
   `feasigrasp.systems.reachability_filter.ReachabilityFilter`.
 - ``modes``: an object as `feasigrasp.scenario.modes.Mode`.
 - ``samplers``: a function ``(gripper, n_candidates=, n_grasps=, least_score=, seed=)``.

@@ -208,10 +208,10 @@ def _check_distractor_bodies(scenario: Scenario) -> None:
 def _check_law(scenario: Scenario) -> None:
     """Only ``safe`` mode plans and is slowed down; settings are for parts that packages add."""
     config = scenario.control
-    if not config.density and config.controller != ControlSpace.TASK:
+    if not config.density and config.controller not in [*ControlSpace]:
         raise ScenarioError(
             f"control.density is False, but controller {config.controller} has no density of "
-            "grasps; give control.controller: task"
+            f"grasps; give control.controller: {' or '.join(ControlSpace)}"
         )
     mode = added_mode(config.mode)
     if mode is not None:

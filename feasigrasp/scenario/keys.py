@@ -34,6 +34,10 @@ _MOVED: dict[str, dict[str, object]] = {
         "targets": "medoids",
         "length_scale": 0.0,
         "resample": False,
+        "gain": None,
+        "feed_forward": True,
+        "n_solutions": 64,
+        "source": "closed_form",
     },
     "reachability": {"space": "default"},
 }

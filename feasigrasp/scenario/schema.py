@@ -29,9 +29,9 @@ from feasigrasp.models.choices import (
     mode_names,
     word,
 )
-from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
+from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.robot.gripper import PACKAGED
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -45,8 +45,6 @@ from feasigrasp.scenario.parts import Options, Part, PartConfig
 
 #: ``reachability.method``: exact inverse kinematics.
 EXACT = "ik"
-#: ``control.source``: closed-form inverse kinematics.
-CLOSED_FORM = "closed_form"
 #: What the driver of the arm takes.
 _MOST = float(np.rad2deg(IIWA_7.driver.position.max()))
 _JOINTS = Span(-_MOST, _MOST, "deg")
@@ -263,16 +261,10 @@ class ControlConfig:
         speed: Share of the arm's velocity limits that may be used, in (0, 1]; nothing exceeds it,
             plans reckon with it, and lift and shaking take as much longer. Accelerations, and
             with them braking, keep their limits. For ``safe`` mode; on hardware 0.25 by default.
-        gain: Rate at which the way that is left decreases [1/s]; by default that of the controller,
-            5 in task space and 8 in joint space.
-        feed_forward: Whether the object's own motion is added to the law.
-        density: Whether the density of grasps decides in ``safe`` mode, in task space.
+        density: Whether the grasps near the selected one count as well, in ``safe`` mode.
         score: Whether the scores of grasps decide in ``safe`` mode.
         prediction: What plans of ``safe`` mode take the object to do: ``predicted``, to go on as
             the tracker predicts; ``twist``, to keep its twist; ``none``, to stay where it is.
-        n_solutions: How many configurations the joint-space field is fitted to, at most.
-        source: Where they come from: ``closed_form``; to compare with, ``flow`` (the IK flow) and
-            ``dls`` (damped least squares).
         options: Settings of a controller or mode that a package adds (`feasigrasp.plugins`), such
             as ``law`` of the modes ``paper`` and ``corrected``.
     """
@@ -282,13 +274,9 @@ class ControlConfig:
     period: float = key(0.005, 0.0005, 0.05, "s")
     planning_time: float = key(0.0, 0.0, 1.0, "s")
     speed: float = key(1.0, 0.01, 1.0, "of the velocity limits")
-    gain: float | None = key(None, 1e-09, 1000.0, "1/s")
-    feed_forward: bool = True
     density: bool = True
     score: bool = True
     prediction: str = word(PredictionModel.PREDICTED, PredictionModel)
-    n_solutions: int = key(64, 1, 10000)
-    source: str = word(CLOSED_FORM, (CLOSED_FORM, *plugins("ik_sources")))
     options: Options = dc.field(default_factory=dict)
 
     @property

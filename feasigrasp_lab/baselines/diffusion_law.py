@@ -18,7 +18,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.control.task.safe_law import hand_twist_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -37,7 +36,7 @@ from feasigrasp_lab.baselines.grasp_diffusion import (
 )
 from feasigrasp_lab.baselines.nearest_law import NearestGrasp, nearest_grasp
 from feasigrasp_lab.paper.options import Law
-from feasigrasp_lab.paper.task_law import least_norm_kernel
+from feasigrasp_lab.paper.task_law import hand_twist_kernel, least_norm_kernel
 
 #: The noise falls by this factor of its time from update to update, while the grasps are no farther
 #: than so many of its standard deviations: the length of noise in six directions, and half as much

@@ -39,14 +39,14 @@ def make_controller(
     scenario: Scenario, reachability: Reachability, safety: SafetyOptions
 ) -> GraspDiffusionController:
     """The controller ``diffusion`` of a scenario."""
-    config, given = scenario.control, PaperOptions.of(scenario)
+    given = PaperOptions.of(scenario)
     options = DiffusionControlOptions(
         law=given.law,
-        gain=config.gain or (GRADIENT_GAIN if given.law == Law.GRADIENT else RATE),
+        gain=given.gain or (GRADIENT_GAIN if given.law == Law.GRADIENT else RATE),
         damping=given.damping,
-        feed_forward=config.feed_forward,
+        feed_forward=given.feed_forward,
     )
-    make = GraspDiffusionController if config.safe else _Unenforced
+    make = GraspDiffusionController if scenario.control.safe else _Unenforced
     return make(reachability, options, safety=safety, period=scenario.reachability.period)
 
 

@@ -22,13 +22,13 @@ def make_controller(
     scenario: Scenario, reachability: Reachability, safety: SafetyOptions
 ) -> NearestGraspController:
     """The controller ``nearest`` of a scenario."""
-    config = scenario.control
+    given = PaperOptions.of(scenario)
     options = NearestOptions(
-        gain=config.gain or NearestOptions.gain,
-        damping=PaperOptions.of(scenario).damping,
-        feed_forward=config.feed_forward,
+        gain=given.gain or NearestOptions.gain,
+        damping=given.damping,
+        feed_forward=given.feed_forward,
     )
-    make = NearestGraspController if config.safe else _Unenforced
+    make = NearestGraspController if scenario.control.safe else _Unenforced
     return make(reachability, options, safety=safety, period=scenario.reachability.period)
 
 

@@ -12,13 +12,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.control.task.safe_law import hand_twist_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, standoff_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
-from feasigrasp_lab.paper.task_law import least_norm_kernel
+from feasigrasp_lab.paper.task_law import hand_twist_kernel, least_norm_kernel
 
 #: Another grasp is followed if it is reached sooner by this [s]. Source: guessed.
 SAVED = 0.2

@@ -7,9 +7,10 @@ and the object's pose have changed; on one thread. `DIR/timings.csv` has all tim
 - ``bench.joint_hz.N``: joint space, corrected mode; the inverse kinematics of N solutions at the
   new pose, the fit of the field to them and its gradient, at every step. Preset ``new solutions``:
   the solutions are also looked for anew at every step.
-- ``bench.planning_ms.median|p99|worst``: the update at 10 Hz in between, safe mode, in which the
-  controller chooses anew what to follow; with the sizes of the next line.
-- ``bench.task_safe_hz.8``, ``bench.joint_safe_hz.64``: safe mode, limits and clearances enforced.
+- ``bench.planning_ms.median|p99|worst``: the update in between, safe mode: a step of the optimal
+  control problem, and ten times a second the ranking of the grasps, those of the next line.
+- ``bench.task_safe_hz.8``, ``bench.joint_safe_hz.64``: safe mode, limits and clearances enforced;
+  of 8 groups of grasps, and of 64 grasps.
 - Presets ``peer:numpy`` and ``peer:torch``: the paper's step as plain array code, for joint space
   with damped least squares in place of the paper's network.
 """
@@ -31,8 +32,7 @@ from pydrake.systems.framework import LeafSystem
 from threadpoolctl import threadpool_limits
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.joint.law import JointControlOptions
-from feasigrasp.models.control.joint.options import SolutionOptions
+from feasigrasp.models.choices import ControlSpace
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
@@ -40,7 +40,6 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.runs.results.arguments import add_common_arguments
 from feasigrasp.runs.results.rows import Row, format_rows
 from feasigrasp.systems.gp_joint_controller import GPJointController
-from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
 from feasigrasp_lab.paper.controllers import PaperJointController, PaperTaskController
@@ -136,8 +135,7 @@ class ControllerProbe:
     def update_ms(self, period: float, count: int) -> Array:
         """Processor time of updates that follow one another [ms], shape (count,).
 
-        Arm and object are elsewhere at every update, and grasps are others at every fifth: there
-        are two views in a second.
+        Arm and object are elsewhere at every update, and grasps are others twice in a second.
 
         Args:
             period: Time between updates of the controller [s].
@@ -145,11 +143,10 @@ class ControllerProbe:
         """
         # Updates that are not timed, since the first ones load compiled code.
         warm_up = 15
-        times = []
+        view, times = round(0.5 / period), []
         for k in range(warm_up + count):
             self._move_on()
-            # Updates of a controller, at 10 Hz, for which grasps stay the same.
-            if k % 5 == 0:
+            if k % view == 0:
                 self._grasps.GetMutableData().set_value(next(self._views))
             start = time.process_time()
             self.simulator.AdvanceTo(self.context.get_time() + period)
@@ -162,10 +159,11 @@ class ControllerProbe:
         self._pose.GetMutableData().set_value(pose)
 
 
-#: Components of the safe task controller, solutions of the safe joint controller. Source: guessed.
-SAFE_COMPONENTS, SAFE_SOLUTIONS = 8, 64
-#: Grasps in each component, and how many draws may fail to give as many components as wanted.
-#: Source: guessed.
+#: Groups of grasps of the safe task controller, grasps of the safe joint controller. Source:
+#: guessed.
+_SAFE_SIZES = {ControlSpace.TASK: 8, ControlSpace.JOINT: 64}
+#: Grasps in each group, and how many draws may fail to give as many components as wanted. Source:
+#: guessed.
 _PER_GROUP, _DRAWS = 12, 20
 
 
@@ -195,7 +193,7 @@ def cases(seed: int) -> Iterator[Case]:
     reachability = Reachability()
     X_FG = reachability.gripper.X_FG
     for K in TABLE_3_TASK:
-        name, probe = f"bench.task_hz.{K}", task_probe(reachability, K, "corrected", seed)
+        name, probe = f"bench.task_hz.{K}", task_probe(reachability, K, seed)
         yield Case(name, "default", probe.step)
         if K in peers_task:
             mixture = probe.controller.memory(probe.context).mixture.targets
@@ -203,42 +201,52 @@ def cases(seed: int) -> Iterator[Case]:
                 step = partial(_fed, ArrayTaskStep(xp, mixture, X_FG), probe, V_WO)
                 yield Case(name, f"peer:{xp.__name__}", step)
     for N in TABLE_3_JOINT:
-        name, probe = f"bench.joint_hz.{N}", joint_probe(reachability, N, "corrected", seed)
+        name, probe = f"bench.joint_hz.{N}", joint_probe(reachability, N, seed)
         yield Case(name, "default", probe.step)
         if N in peers_joint:
-            renewed = joint_probe(reachability, N, "corrected", seed, period=_STEP)
+            renewed = joint_probe(reachability, N, seed, period=_STEP)
             yield Case(name, "new solutions", partial(_renewed_step, renewed))
             X_OG = probe.controller.memory(probe.context).X_OG
             for xp in (np, torch):
                 step = partial(_fed, ArrayJointStep(xp, X_OG, X_FG), probe)
                 yield Case(name, f"peer:{xp.__name__}", step)
-    safe = task_probe(reachability, SAFE_COMPONENTS, "safe", seed)
-    yield Case(f"bench.task_safe_hz.{SAFE_COMPONENTS}", "default", safe.step)
-    safe = joint_probe(reachability, SAFE_SOLUTIONS, "safe", seed)
-    yield Case(f"bench.joint_safe_hz.{SAFE_SOLUTIONS}", "default", safe.step)
+    for space, size in _SAFE_SIZES.items():
+        safe = safe_probe(reachability, space, seed)
+        yield Case(f"bench.{space}_safe_hz.{size}", "default", safe.step)
 
 
 def planning_rows(seed: int, count: int) -> list[Row]:
     """How long the controllers plan: median, 99th percentile and worst of many updates."""
-    # Time between updates of the controllers [s].
-    planning = 0.1
     reachability, rows = Reachability(), []
-    for preset, probe in (
-        ("task/safe", task_probe(reachability, SAFE_COMPONENTS, "safe", seed)),
-        ("joint/safe", joint_probe(reachability, SAFE_SOLUTIONS, "safe", seed, period=planning)),
-    ):
-        times = probe.update_ms(planning, count)
+    for space in ControlSpace:
+        probe = safe_probe(reachability, space, seed)
+        times = probe.update_ms(probe.controller.period, count)
         for name, value in (
             ("median", np.median(times)),
             ("p99", np.percentile(times, 99)),
             ("worst", times.max()),
         ):
-            rows.append(Row.plain(f"bench.planning_ms.{name}", preset, value, "ms", count))
+            name = f"bench.planning_ms.{name}"
+            rows.append(Row.plain(name, f"{space}/safe", value, "ms", count))
     return rows
 
 
-def task_probe(reachability: Reachability, K: int, mode: str, seed: int) -> ControllerProbe:
-    """A task-space controller whose mixture has K components.
+def safe_probe(reachability: Reachability, space: ControlSpace, seed: int) -> ControllerProbe:
+    """The controller of a space in safe mode, among many grasps."""
+    rng, size = np.random.default_rng(seed), _SAFE_SIZES[space]
+    if space == ControlSpace.TASK:
+        grasps = grasps_in_reach(reachability, size, _PER_GROUP, rng)
+        return ControllerProbe(RMMTaskController(reachability), grasps, rng)
+    return ControllerProbe(GPJointController(reachability), _some(reachability, size, rng), rng)
+
+
+def _some(reachability: Reachability, N: int, rng: np.random.Generator) -> GraspSet:
+    """N grasps in ten groups."""
+    return grasps_in_reach(reachability, 10, -(-N // 10), rng).select(np.arange(N))
+
+
+def task_probe(reachability: Reachability, K: int, seed: int) -> ControllerProbe:
+    """A task-space controller, corrected mode, whose mixture has K components.
 
     Raises:
         RuntimeError: No draw of grasps gives that many.
@@ -246,8 +254,7 @@ def task_probe(reachability: Reachability, K: int, mode: str, seed: int) -> Cont
     for draw in range(_DRAWS):
         rng = np.random.default_rng([seed, draw])
         grasps = grasps_in_reach(reachability, K, _PER_GROUP, rng)
-        make = PaperTaskController if mode == "corrected" else RMMTaskController
-        controller = make(reachability, max_components=K)
+        controller = PaperTaskController(reachability, max_components=K)
         probe = ControllerProbe(controller, grasps, rng)
         mixture = controller.memory(probe.context).mixture
         if mixture is not None and len(mixture.mixture) == K:
@@ -256,25 +263,16 @@ def task_probe(reachability: Reachability, K: int, mode: str, seed: int) -> Cont
 
 
 def joint_probe(
-    reachability: Reachability, N: int, mode: str, seed: int, *, period: float = 0.05
+    reachability: Reachability, N: int, seed: int, *, period: float = 0.05
 ) -> ControllerProbe:
-    """A joint-space controller that follows N solutions.
+    """A joint-space controller, corrected mode, that follows N solutions.
 
     Raises:
         RuntimeError: It found fewer.
     """
-    # Groups of the grasps that the joint controller gets.
-    groups = 10
-    rng = np.random.default_rng(seed)
-    grasps = grasps_in_reach(reachability, groups, -(-N // groups), rng)
-    grasps = grasps.select(np.arange(N))
-    controller: GraspController
-    if mode == "corrected":
-        free = PaperJointOptions(solutions=SolutionOptions(n_solutions=N, glide=0.0))
-        controller = PaperJointController(reachability, free, period=period)
-    else:
-        options = JointControlOptions(solutions=SolutionOptions(n_solutions=N))
-        controller = GPJointController(reachability, options, period=period)
+    rng, options = np.random.default_rng(seed), PaperJointOptions(n_solutions=N)
+    grasps = _some(reachability, N, rng)
+    controller = PaperJointController(reachability, options, period=period)
     probe = ControllerProbe(controller, grasps, rng)
     found = len(controller.memory(probe.context))
     if found != N:

@@ -9,16 +9,16 @@ from pydrake.systems.framework import Context
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.safety.velocity_limits import is_fault_kernel
-from feasigrasp.models.control.task.memory import TaskMemory
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.controller_inputs import ControllerInputs
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.velocity_drive import VelocityDrive
+from feasigrasp_lab.paper.grasp_mixture import MixtureMemory
 from feasigrasp_lab.paper.joint_law import PaperJointControl, PaperJointOptions
+from feasigrasp_lab.paper.solutions import Solutions
 from feasigrasp_lab.paper.task_law import PaperTaskOptions, paper_task_space_velocity
 
 
@@ -83,16 +83,16 @@ class PaperTaskController(Unenforced, GraspController):
         seed: int = 0,
     ) -> None:
         """A controller of `paper_task_space_velocity`; arguments as of `RMMTaskController`."""
-        super().__init__(reachability, TaskMemory(), period=period)
+        super().__init__(reachability, MixtureMemory(), period=period)
         self._options, self._max_components = options or PaperTaskOptions(), max_components
         self._seed = seed
         self.warm_up()
 
-    def update(self, memory: TaskMemory, inputs: ControllerInputs) -> TaskMemory:
+    def update(self, memory: MixtureMemory, inputs: ControllerInputs) -> MixtureMemory:
         """The mixture over the present grasps, in the object frame."""
         return memory.with_grasps(inputs.grasps, self._max_components, self._seed)
 
-    def velocity(self, memory: TaskMemory, inputs: ControllerInputs) -> Array:
+    def velocity(self, memory: MixtureMemory, inputs: ControllerInputs) -> Array:
         """Up the density of all grasps."""
         if memory.mixture is None:
             return np.zeros(IIWA_7.joints)

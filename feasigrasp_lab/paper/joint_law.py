@@ -7,7 +7,8 @@ solutions keep their identity. All solutions are worth the same, and nothing is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -16,27 +17,24 @@ from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.joint.law import JointControlOptions, field_kernel
-from feasigrasp.models.control.joint.options import SolutionOptions
-from feasigrasp.models.control.joint.search import SolutionSearch
-from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.ik.continuation import branch_kernel
-from feasigrasp.models.control.planning.cost_weights import CostWeights
-from feasigrasp.models.objects.predicted_poses import PredictionModel, predicted_poses
-from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
+from feasigrasp.models.control.horizon.distance_field import (
+    NOISE_VARIANCE,
+    distances_kernel,
+    evaluate_kernel,
+    fit_kernel,
+)
+from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.ik.continuation import branch_kernel
 from feasigrasp.models.ik.self_motion import arm_angle_kernel
-from feasigrasp.models.objects.prediction import Motion
-from feasigrasp.models.quantities import NotNegative, Positive
+from feasigrasp.models.objects.prediction import Motion, future_poses
+from feasigrasp.models.quantities import Count, NotNegative, Positive
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.paper.options import Law
-from feasigrasp_lab.paper.sources import Draw
-
-#: Straight to the grasps.
-_CORRIDOR: ApproachCorridor = JointControlOptions().corridor._replace(max_standoff=0.0)
-#: No plan: nothing but the present counts. Source: definition.
-_COSTS = CostWeights(times=(0.0,))
+from feasigrasp_lab.paper.solution_search import SolutionSearch
+from feasigrasp_lab.paper.solutions import Solutions, feed_forward_kernel, place_kernel
+from feasigrasp_lab.paper.sources import Draw, closed_form_configurations, drawn_configurations
 
 
 def _resampled(draw: Draw, n: int, X_WF: Array) -> tuple[Array, Indices]:
@@ -58,7 +56,7 @@ def _resampled(draw: Draw, n: int, X_WF: Array) -> tuple[Array, Indices]:
 
 
 def _still(q: Array, X_OG: Array, length_scale: float, time: float) -> Solutions:
-    """Solutions that cost nothing and whose arm angles stay.
+    """Solutions that cost nothing.
 
     Args:
         q: Their configurations, shape (k, 7) [rad].
@@ -66,12 +64,11 @@ def _still(q: Array, X_OG: Array, length_scale: float, time: float) -> Solutions
         length_scale: Of the field [rad].
         time: Now [s].
     """
-    still = np.zeros((len(q), 2))
     return Solutions(
         X_OG,
         np.array([branch_kernel(one) for one in q], dtype=np.int64),
-        np.column_stack([[arm_angle_kernel(one) for one in q], still]),
-        still,
+        np.array([arm_angle_kernel(one) for one in q]),
+        np.zeros((len(q), 2)),
         np.array([length_scale, 0.0]),
         time,
     )
@@ -87,8 +84,9 @@ class PaperJointOptions:
         gain: k [1/s].
         feed_forward: Whether the solutions' own velocity is added; not in the paper.
         length_scale: Of the field [rad]; 0 follows the spacing of the solutions.
-        solutions: Which solutions the field is fitted to.
-        draw: What they are drawn from anew at every update, as in the paper; None to keep their
+        n_solutions: How many solutions the field is fitted to, at most.
+        draw: What they are drawn from, as in the paper; None for the closed form.
+        resample: Whether they are drawn anew at every update, as in the paper; else they keep their
             identity.
     """
 
@@ -96,30 +94,39 @@ class PaperJointOptions:
     gain: Positive = 8.0
     feed_forward: bool = True
     length_scale: NotNegative = 0.0
-    solutions: SolutionOptions = field(default_factory=lambda: SolutionOptions(glide=0.0))
+    n_solutions: Count = 64
     draw: Draw | None = None
+    resample: bool = False
 
     def __post_init__(self) -> None:
         """Checks the values.
 
         Raises:
-            ControlError: There is no such law, or a number is out of range.
+            ControlError: There is no such law, a number is out of range, or there is nothing to
+                draw anew.
         """
         check_fields(self, ControlError)
         parse_choice(Law, self.law, "law", ControlError)
+        if self.resample and self.draw is None:
+            raise ControlError("resample is True, but the closed form draws nothing; give draw")
 
 
 @compiled
-def _velocity_kernel(
-    q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, corridor, law
-):
-    as_printed, gain, feed_forward = law
+def _velocity_kernel(q, X_FG, X_WO, V_WO, X_OG, branch, arm_angle, cost, length_scale, law):
+    """Joint velocity (7,) of the field over the solutions; zero without one in reach."""
+    (as_printed, gain, feed_forward), n = law, len(branch)
+    qd, index = np.zeros(IIWA_7.joints), np.empty(n, dtype=np.int64)
+    X_WF, nodes = np.empty((n, 4, 4)), np.empty((n, IIWA_7.joints))
+    count = place_kernel(X_WO, X_OG, branch, arm_angle, inverse_kernel(X_FG), X_WF, nodes, index)
+    if count == 0:
+        return qd
+    nodes, index = nodes[:count], index[:count]
     gradient, forward = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
-    d, left = field_kernel(
-        *(q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, corridor),
-        *(np.inf, gradient, forward),
-    )
-    qd = np.zeros(IIWA_7.joints)
+    lowest, beta = np.empty(count), np.empty(count)
+    r, weights = np.empty((count, count)), np.empty(count)
+    distances_kernel(nodes, r)
+    fit_kernel(r, cost[index], length_scale, NOISE_VARIANCE, lowest, beta)
+    d, left = evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights)
     if as_printed:
         qd[:] = -gain * d * gradient
     else:
@@ -131,19 +138,10 @@ def _velocity_kernel(
             for k in range(IIWA_7.joints):
                 qd[k] = -(gain * left) * min(1.0, slope) * gradient[k] / slope
     if feed_forward:
+        p_WO = X_WO[:3, 3].copy()
+        feed_forward_kernel(X_WF, V_WO, p_WO, branch, arm_angle, index, weights, nodes, forward)
         qd += forward
     return qd
-
-
-@dataclass(frozen=True, eq=False)
-class _Search(SolutionSearch):
-    """Solutions that keep their identity, in a field of a given length scale."""
-
-    given: float = 0.0
-
-    def length_scale(self, q: Array) -> float:
-        """The given one [rad], or that of the spacing if it is 0."""
-        return self.given or super().length_scale(q)
 
 
 class PaperJointControl:
@@ -159,8 +157,10 @@ class PaperJointControl:
         self, reachability: Reachability, options: PaperJointOptions, period: float
     ) -> None:
         self._reachability, self._options, self._period = reachability, options, period
-        self._search = _Search(
-            *(reachability, _CORRIDOR, _COSTS, options.solutions, period), options.length_scale
+        find, draw = closed_form_configurations, options.draw
+        self._search = SolutionSearch(
+            *(reachability, period, find if draw is None else partial(drawn_configurations, draw)),
+            *(options.n_solutions, options.length_scale),
         )
 
     def update(
@@ -173,17 +173,30 @@ class PaperJointControl:
         q: Array,
         motion: Motion | None = None,
     ) -> Solutions:
-        """The solutions for the next period, as `JointSpaceControl.update`."""
+        """The solutions for the next period.
+
+        Args:
+            previous: Those until now.
+            time: Now [s].
+            grasps: Grasps on offer, in the object frame.
+            X_WO: Object pose, shape (4, 4).
+            V_WO: Object twist [angular; linear], shape (6,).
+            q: Joint positions [rad], shape (7,).
+            motion: What is known of the object's motion.
+
+        Returns:
+            Those until now if the object's pose or twist is not finite.
+        """
         if not np.isfinite(X_WO.sum() + V_WO.sum() + q.sum()):
             return previous
-        ahead = predicted_poses(PredictionModel.PREDICTED, motion, X_WO, V_WO, _COSTS.instants)
-        q, draw, X_OG = np.ascontiguousarray(q, dtype=float), self._options.draw, grasps.X_OG
-        if draw is None:
-            return self._search.update(previous, time, grasps, ahead, q)
+        (X_WO,), q = future_poses(motion, X_WO, V_WO, 0.0), np.ascontiguousarray(q, dtype=float)
+        options, X_OG = self._options, grasps.X_OG
+        if options.draw is None or not options.resample:
+            return self._search.update(previous, time, X_OG, X_WO, q)
         if len(X_OG) == 0:
             return Solutions.empty(time)
-        X_WF = self._search.flange_poses(X_OG, ahead[0], q)
-        found, grasp = _resampled(draw, self._options.solutions.n_solutions, X_WF)
+        X_WF = self._search.flange_poses(X_OG, X_WO)
+        found, grasp = _resampled(options.draw, options.n_solutions, X_WF)
         return _still(found, X_OG[grasp], self._search.length_scale(found), time)
 
     def velocity(
@@ -201,18 +214,13 @@ class PaperJointControl:
         if len(solutions) == 0 or not np.isfinite(q.sum() + X_WO.sum() + V_WO.sum()):
             return np.zeros(IIWA_7.joints)
         options = self._options
+        elapsed = min(max(time - solutions.time, 0.0), self._period)
         qd = _velocity_kernel(
             np.ascontiguousarray(q, dtype=float),
             self._reachability.gripper.X_FG,
             np.ascontiguousarray(X_WO, dtype=float),
             np.ascontiguousarray(V_WO, dtype=float),
-            min(max(time - solutions.time, 0.0), self._period),
-            solutions.X_OG,
-            solutions.branch,
-            solutions.arm_angle,
-            solutions.cost,
-            solutions.length_scale,
-            _CORRIDOR.parameters,
+            *(solutions.X_OG, solutions.branch, solutions.arm_angle, *solutions.at(elapsed)),
             (options.law == Law.GRADIENT, options.gain, options.feed_forward),
         )
         return np.asarray(qd)

@@ -8,7 +8,7 @@ choice:
   0.005 would bring the hand to the mean in one control period of 5 ms; 0.0005 takes a tenth of the
   way, since the arm follows a tick late.
 - The gain of the distance in joint space: 1, as the formula is printed.
-- ``control.n_solutions``: the paper's "typically around 100".
+- ``n_solutions``: the paper's "typically around 100".
 - ``reachability.horizon``: none, since the paper does not look ahead.
 """
 
@@ -19,12 +19,9 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Any
 
-from feasigrasp.errors import ScenarioError
 from feasigrasp.models.choices import ControlSpace
-from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.plugins import load_plugin
-from feasigrasp.scenario.schema import CLOSED_FORM, Scenario
+from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp_lab.paper.controllers import (
     PaperJointController,
@@ -32,8 +29,8 @@ from feasigrasp_lab.paper.controllers import (
     UnenforcedDrive,
 )
 from feasigrasp_lab.paper.joint_law import PaperJointOptions
-from feasigrasp_lab.paper.options import Law, PaperOptions, Targets
-from feasigrasp_lab.paper.sources import SOURCES
+from feasigrasp_lab.paper.options import Law, PaperOptions, Source, Targets
+from feasigrasp_lab.paper.sources import DRAWS
 from feasigrasp_lab.paper.task_law import PaperTaskOptions
 
 #: Gains by controller: of the law ``preconditioned`` [1/s], and of the ``gradient``.
@@ -58,32 +55,23 @@ class PaperMode:
 
     def check(self, scenario: Scenario) -> None:
         """Raises ScenarioError where its options are wrong."""
-        options = PaperOptions.of(scenario)
-        if options.resample and scenario.control.source == CLOSED_FORM:
-            raise ScenarioError(
-                "control.options.resample is true, but closed_form draws nothing; give "
-                f"control.source: {' or '.join(SOURCES)}"
-            )
+        PaperOptions.of(scenario)
 
     def make_controller(self, scenario: Scenario, reachability: Reachability) -> GraspController:
         """The paper's controller in task or joint space."""
-        config, options = scenario.control, PaperOptions.of(scenario)
-        gains = _GAINS[ControlSpace(config.controller)]
-        gain = config.gain or gains[options.law == Law.GRADIENT]
+        space, options = ControlSpace(scenario.control.controller), PaperOptions.of(scenario)
+        gain = options.gain or _GAINS[space][options.law == Law.GRADIENT]
         period = scenario.reachability.period
-        if config.controller == ControlSpace.TASK:
+        if space == ControlSpace.TASK:
             of_task = PaperTaskOptions(
-                options.law, gain, options.damping, config.feed_forward, options.targets
+                options.law, gain, options.damping, options.feed_forward, options.targets
             )
             seed = scenario.random_seed
             return PaperTaskController(reachability, of_task, period=period, seed=seed)
-        solutions = SolutionOptions(n_solutions=config.n_solutions, glide=0.0)
-        if config.source != CLOSED_FORM:
-            find = load_plugin("ik_sources", config.source)
-            solutions = SolutionOptions(find, config.n_solutions, glide=0.0)
         of_joint = PaperJointOptions(
-            *(options.law, gain, config.feed_forward, options.length_scale, solutions),
-            draw=SOURCES[config.source] if options.resample else None,
+            *(options.law, gain, options.feed_forward, options.length_scale, options.n_solutions),
+            draw=DRAWS.get(options.source),
+            resample=options.resample,
         )
         return PaperJointController(reachability, of_joint, period=period)
 
@@ -103,14 +91,14 @@ PAPER = PaperMode(
         "reachability.horizon": 0.0,
         "reachability.symmetric_grasps": False,
         "reachability.options": {"space": "paper"},
-        "control.feed_forward": False,
-        "control.n_solutions": 100,
-        "control.source": "flow",
         "control.options": {
             "law": Law.GRADIENT.value,
+            "feed_forward": False,
             "damping": 0.0,
             "targets": Targets.MEANS.value,
             "length_scale": 0.3,
+            "n_solutions": 100,
+            "source": Source.FLOW.value,
             "resample": True,
         },
     }

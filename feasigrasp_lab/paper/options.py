@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.choices import nearest, parse_choice
+from feasigrasp.models.choices import Span, nearest, parse_choice
 from feasigrasp.scenario.schema import Scenario
 
 
@@ -17,11 +17,28 @@ class Law(StrEnum):
     GRADIENT = "gradient"  # gain times the gradient, as the paper has it
 
 
+class Source(StrEnum):
+    """Where inverse kinematics solutions come from."""
+
+    CLOSED_FORM = "closed_form"
+    FLOW = "flow"  # the IK flow, as in the paper
+    DLS = "dls"  # damped least squares from random configurations
+
+
 class Targets(StrEnum):
     """What stands for a component of a mixture of grasps."""
 
     MEDOIDS = "medoids"  # its most plausible grasp
     MEANS = "means"  # its mean, which need not be one
+
+
+#: Ranges of the numbers.
+_SPANS = {
+    "gain": Span(0, 1000, "1/s"),
+    "damping": Span(0, 1),
+    "length_scale": Span(0, 10, "rad"),
+    "n_solutions": Span(1, 10000),
+}
 
 
 @dataclass(frozen=True)
@@ -30,17 +47,26 @@ class PaperOptions:
 
     Attributes:
         law: A `Law`.
+        gain: Rate at which the way that is left decreases, or what the gradient is multiplied with
+            [1/s]; 0 for that of the controller.
+        feed_forward: Whether the object's own motion is added.
         damping: Of the task-space pseudo-inverse, 0 for none.
         targets: What the task-space law goes for, see `Targets`.
         length_scale: Of the joint-space field [rad]; 0 follows the spacing of the solutions.
+        n_solutions: How many solutions that field is fitted to, at most.
+        source: Where they come from, see `Source`.
         resample: Whether solutions are drawn anew at every update, as in the paper; else they keep
             their identity.
     """
 
     law: str = Law.PRECONDITIONED
+    gain: float = 0.0
+    feed_forward: bool = True
     damping: float = 0.02
     targets: str = Targets.MEDOIDS
     length_scale: float = 0.0
+    n_solutions: int = 64
+    source: str = Source.CLOSED_FORM
     resample: bool = False
 
     @classmethod
@@ -62,12 +88,18 @@ class PaperOptions:
             ):
                 raise ScenarioError(f"control.options.{name} is {value!r}; give a {known[name]}")
         options = cls(**given)  # type: ignore[arg-type]
-        parse_choice(Law, options.law, "control.options.law", ScenarioError)
-        parse_choice(Targets, options.targets, "control.options.targets", ScenarioError)
-        for name, most, unit in (("damping", 1.0, ""), ("length_scale", 10.0, " rad")):
+        for name, words in (("law", Law), ("targets", Targets), ("source", Source)):
+            parse_choice(words, getattr(options, name), f"control.options.{name}", ScenarioError)
+        for name, (least, most, unit) in _SPANS.items():
             value = getattr(options, name)
-            if not 0.0 <= value <= most:
+            if not least <= value <= most:
                 raise ScenarioError(
-                    f"control.options.{name} is {value:g}; it must be from 0 to {most:g}{unit}"
+                    f"control.options.{name} is {value:g}; it must be from {least:g} to {most:g}"
+                    f" {unit}".rstrip()
                 )
+        if options.resample and options.source == Source.CLOSED_FORM:
+            raise ScenarioError(
+                "control.options.resample is true, but closed_form draws nothing; give "
+                f"control.options.source: {Source.FLOW} or {Source.DLS}"
+            )
         return options

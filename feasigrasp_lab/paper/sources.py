@@ -1,29 +1,43 @@
-"""Sampled IK solutions: the IK flow, as in the paper, or damped least squares.
+"""Sources of IK solutions: the closed form, the IK flow as in the paper, or damped least squares.
 
 The iteration is damped least squares from random configurations. The random numbers are the same at
 every call, as in the paper: what is drawn moves with the poses.
+
+Solutions are inside the limits, clear of collisions, and apart from one another and from those that
+are known.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.joint.sources import distance_kernel, select_kernel
-from feasigrasp.models.control.planning.cost_weights import CostWeights, running_cost_kernel
-from feasigrasp.models.ik.self_motion import inside_limits_kernel
+from feasigrasp.models.ik.self_motion import (
+    arm_angle_kernel,
+    configuration_kernel,
+    inside_limits_kernel,
+    self_motion_kernel,
+)
+from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.reach.kernels import Search
+from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.arm.least_squares import refine
 from feasigrasp_lab.paper.ik_flow import IkFlow
+from feasigrasp_lab.paper.options import Source
+
+#: Two solutions of one grasp are at least this distance apart [rad]. Source: guessed.
+APART = 1.0
 
 #: From flange poses (m, 4, 4) and the number of draws of each to configurations (m, draws, 7), NaN
 #: where one misses its pose.
 Draw = Callable[[Array, int], Array]
+#: A function with the arguments of `closed_form_configurations`, and its results.
+FindConfigurations = Callable[[Array, Array, list[Array], int, Search], list[Array]]
 
 
 def from_flow(X_WF: Array, draws: int) -> Array:
@@ -43,8 +57,8 @@ def by_least_squares(X_WF: Array, draws: int) -> Array:
     return _reached(*refine(poses, starts, steps, damping, limit_margin=0.0), draws=draws)
 
 
-#: The values of ``control.source`` that solutions can be drawn from anew.
-SOURCES: dict[str, Draw] = {"flow": from_flow, "dls": by_least_squares}
+#: The sources that draw.
+DRAWS: dict[str, Draw] = {Source.FLOW: from_flow, Source.DLS: by_least_squares}
 
 
 def _reached(q: Array, position: Array, angle: Array, *, draws: int) -> Array:
@@ -60,39 +74,93 @@ def _random_configurations(draws: int) -> Array:
 
 
 @compiled
-def _drawn(q, q_now, known, search, costs, worth, found):
-    """Of drawn configurations (n, 7), those that are any good; returns how many."""
-    scores = np.full(len(q), np.inf)
-    for i in range(len(q)):
-        if inside_limits_kernel(q[i], search.limit_margin):
-            scores[i] = distance_kernel(q[i], q_now) + worth * running_cost_kernel(
-                q[i], 0.0, costs[0]
-            )
-    return select_kernel(q, scores, known, search, found) if len(q) > 0 else 0
+def distance_kernel(a, b):
+    """Euclidean distance of two configurations (7,) [rad]."""
+    square = 0.0
+    for k in range(IIWA_7.joints):
+        square += (a[k] - b[k]) ** 2
+    return np.sqrt(square)
 
 
-def _drawn_configurations(
-    draw: Draw,
-    X_WF: Array,
-    q_now: Array,
-    known: list[Array],
-    per_pose: int,
-    search: Search,
-    costs: CostWeights,
-    radians_per_second: float,
+@compiled
+def _select_kernel(candidates, q_now, known, search, found):
+    """Writes candidates (n, 7) inside the limits, nearest first, clear and apart; returns how many.
+
+    One that is not finite is not inside.
+    """
+    distances = np.full(len(candidates), np.inf)
+    for i in range(len(candidates)):
+        if inside_limits_kernel(candidates[i], search.limit_margin):
+            distances[i] = distance_kernel(candidates[i], q_now)
+    count = 0
+    while count < len(found):
+        i = int(np.argmin(distances))
+        if not distances[i] < np.inf:
+            break
+        distances[i] = np.inf
+        apart = True
+        for k in range(len(known)):
+            apart = apart and distance_kernel(candidates[i], known[k]) > APART
+        for k in range(count):
+            apart = apart and distance_kernel(candidates[i], found[k]) > APART
+        if apart and is_clear_kernel(
+            candidates[i], search.capsules, search.clearance, search.floor
+        ):
+            found[count] = candidates[i]
+            count += 1
+    return count
+
+
+@compiled
+def _closed_form_kernel(X_WF, q_now, psis, q):
+    """Writes all branches at k arm angles and at that of now (8 (k + 1), 7).
+
+    False, and nothing written, if the wrist is out of reach.
+    """
+    circle = self_motion_kernel(X_WF)
+    if not circle.reached:
+        return False
+    for j in range(len(psis) + 1):
+        s, c = fast_sincos(psis[j] if j < len(psis) else arm_angle_kernel(q_now))
+        for branch in range(8):
+            configuration_kernel(circle, s, c, branch, q[8 * j + branch])
+    return True
+
+
+def closed_form_configurations(
+    X_WF: Array, q_now: Array, known: list[Array], per_pose: int, search: Search
 ) -> list[Array]:
-    """As `feasigrasp.models.control.joint.sources.closed_form_configurations`, of what is drawn."""
+    """New configurations of flange poses, by closed-form inverse kinematics.
+
+    Args:
+        X_WF: Flange poses, shape (m, 4, 4).
+        q_now: Joint positions [rad], shape (7,); near ones come first.
+        known: Configurations of each pose that are known, shape (k, 7) each.
+        per_pose: How many there may be of each pose, the known ones counted.
+        search: Limits and clearances.
+
+    Returns:
+        For each pose, shape (j, 7), nearest first.
+    """
+    q, found = np.empty((8 * (len(search.psis) + 1), IIWA_7.joints)), []
+    for X, taken in zip(X_WF, known, strict=True):
+        reached = _closed_form_kernel(X, q_now, search.psis, q)
+        found.append(_selected(q, q_now, taken, per_pose if reached else 0, search))
+    return found
+
+
+def drawn_configurations(
+    draw: Draw, X_WF: Array, q_now: Array, known: list[Array], per_pose: int, search: Search
+) -> list[Array]:
+    """As `closed_form_configurations`, of what is drawn."""
     if len(X_WF) == 0:
         return []
-    worth, result = radians_per_second * costs.times[-1], []
     # Draws for each pose where new solutions are looked for.
-    for q, taken in zip(draw(X_WF, 8), known, strict=True):
-        found = np.empty((max(per_pose - len(taken), 0), IIWA_7.joints))
-        count = _drawn(q, q_now, taken, search, costs.record, worth, found)
-        result.append(found[:count])
-    return result
+    pairs = zip(draw(X_WF, 8), known, strict=True)
+    return [_selected(q, q_now, taken, per_pose, search) for q, taken in pairs]
 
 
-#: The values ``flow`` and ``dls`` of ``control.source``.
-flow_configurations = partial(_drawn_configurations, from_flow)
-least_squares_configurations = partial(_drawn_configurations, by_least_squares)
+def _selected(q: Array, q_now: Array, known: Array, per_pose: int, search: Search) -> Array:
+    """Of configurations (n, 7) those that are any good, nearest first."""
+    found = np.empty((max(per_pose - len(known), 0), IIWA_7.joints))
+    return found[: _select_kernel(q, q_now, known, search, found)]

@@ -18,9 +18,6 @@ from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.task.grasp_mixture import GraspMixture
-from feasigrasp.models.control.task.safe_law import hand_twist_kernel
-from feasigrasp.models.control.task.target import LENGTH_PER_RADIAN
 from feasigrasp.models.geometry.se3_kernels import (
     compose_kernel,
     exp_kernel,
@@ -31,6 +28,7 @@ from feasigrasp.models.mixtures.mixture import Parameters, evaluate_kernel, post
 from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
+from feasigrasp_lab.paper.grasp_mixture import LENGTH_PER_RADIAN, GraspMixture
 from feasigrasp_lab.paper.options import Law, Targets
 
 # Gradient ascent of a mixture's log density, with an added pull towards better points.
@@ -180,6 +178,31 @@ class PaperTaskOptions:
         check_fields(self, ControlError)
         parse_choice(Law, self.law, "law", ControlError)
         parse_choice(Targets, self.targets, "targets", ControlError)
+
+
+@compiled
+def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):
+    """Twist of the hand in the world [angular; linear] from one relative to the object.
+
+    ``u_H`` is the body twist relative to the object. It is shortened, direction kept, so that
+    neither part is faster than its limit; then the twist is added that the hand would have if it
+    were fixed to the object, whose twist at its own origin is ``V_WO``.
+    """
+    angular = np.sqrt(u_H[0] ** 2 + u_H[1] ** 2 + u_H[2] ** 2)
+    linear = np.sqrt(u_H[3] ** 2 + u_H[4] ** 2 + u_H[5] ** 2)
+    scale = 1.0 / max(1.0, angular / max_angular, linear / max_linear)
+    V = np.empty(6)
+    x, y, z = X_WH[0, 3] - X_WO[0, 3], X_WH[1, 3] - X_WO[1, 3], X_WH[2, 3] - X_WO[2, 3]
+    wx, wy, wz = V_WO[0], V_WO[1], V_WO[2]
+    V[0], V[1], V[2] = wx, wy, wz
+    V[3] = V_WO[3] + wy * z - wz * y
+    V[4] = V_WO[4] + wz * x - wx * z
+    V[5] = V_WO[5] + wx * y - wy * x
+    for i in range(3):
+        for j in range(3):
+            V[i] += scale * X_WH[i, j] * u_H[j]
+            V[3 + i] += scale * X_WH[i, j] * u_H[3 + j]
+    return V
 
 
 @compiled

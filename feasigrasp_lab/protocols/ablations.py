@@ -6,8 +6,8 @@ from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 from feasigrasp.models.choices import ControlSpace
-from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.models.grasps.samplers import SamplerName
+from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.results.statistics import mean_of_objects
 from feasigrasp.scenario.schema import Scenario
@@ -28,18 +28,15 @@ def _with(keys: Mapping[str, Any]) -> Change:
 
 #: The controller that others are compared with.
 REFERENCE = ControlSpace.TASK.value
-#: The system as it is, and what means something in task space only.
-FULL, NO_DENSITY = "-full", "-no-density"
+#: The system as it is.
+FULL = "-full"
 #: What is taken away, one thing at a time, by the end of the runs' names.
 ABLATIONS = {
     FULL: unchanged,
-    NO_DENSITY: _with({"control.density": False}),
+    "-no-density": _with({"control.density": False}),
     "-no-score": _with({"control.score": False}),
-    "-no-look-ahead": _with(
-        {"control.prediction": PredictionModel.NONE.value, "reachability.horizon": 0.0}
-    ),
+    "-no-look-ahead": _with({"control.prediction": PredictionModel.NONE.value}),
     "-no-prediction": _with({"control.prediction": PredictionModel.TWIST.value}),
-    "-no-feed-forward": _with({"control.feed_forward": False}),
     "-no-hidden-side": _with({"perception.hidden_side": False}),
     "-one-view": _with({"perception.views": 1}),
     "-paper-network": _with({"perception.sampler": "paper"}),

@@ -13,7 +13,6 @@ from functools import cache
 from pathlib import Path
 
 from feasigrasp.errors import FeasigraspError, MeshError, ScenarioError
-from feasigrasp.models.choices import ControlSpace
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.results.arguments import names, positive, print_notes, select_objects
 from feasigrasp.scenario.checks import check_scenario
@@ -156,7 +155,6 @@ def plan(args: argparse.Namespace) -> Plan:
             made = [
                 _quick(args, plan_run(args, name, study, (what, objects[what]), *how))
                 for how in itertools.product(study.variants, args.controllers, modes, repeats)
-                if how[1] == ControlSpace.TASK or how[0] not in study.task_only
             ]
             try:
                 # A wrong mesh is reported here, not run by run.

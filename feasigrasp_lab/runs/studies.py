@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from feasigrasp_lab.protocols.ablations import ABLATIONS, NO_DENSITY
+from feasigrasp_lab.protocols.ablations import ABLATIONS
 from feasigrasp_lab.protocols.degradations import (
     DEGRADATIONS,
     SPEED,
@@ -43,7 +43,6 @@ class Study:
         modes: Modes of the controllers.
         variants: What it changes in every scenario, by what the names of the runs have behind the
             scenario's, so that they are not taken for those of another study.
-        task_only: Those of the variants that mean nothing to the joint-space controller.
         generated: Whether it can run on generated objects, with ``--split test``.
     """
 
@@ -52,7 +51,6 @@ class Study:
     seeds: int = 1
     modes: tuple[str, ...] = ("safe",)
     variants: Mapping[str, Change] = field(default_factory=lambda: {"": unchanged})
-    task_only: tuple[str, ...] = ()
     generated: bool = True
 
 
@@ -92,7 +90,7 @@ STUDIES = {
     "speed-camera": Study(tuple(CAMERA_MOTIONS.values()), variants=AT_SPEEDS),
     "spin": Study((MOTIONS["circle"],), variants=AT_SPINS),
     "degradations": Study((MOTIONS["circle"],), variants=_DEGRADED),
-    "ablation": Study(_MOCAP, variants=ABLATIONS, task_only=(NO_DENSITY,)),
+    "ablation": Study(_MOCAP, variants=ABLATIONS),
 }
 
 

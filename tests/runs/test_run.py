@@ -148,8 +148,8 @@ def test_a_drive_that_clips_nothing_shows_in_the_record():
     [
         "control: {controller: task, mode: paper}",
         "control: {controller: joint, mode: paper}",
-        "control: {controller: joint, source: flow}",
-        "control: {controller: joint, source: dls}",
+        "control: {controller: joint, mode: corrected, options: {source: flow}}",
+        "control: {controller: joint, mode: corrected, options: {source: dls}}",
         "reachability: {method: rmm}",
         "reachability: {method: both}",
         "perception: {sampler: antipodal}",

@@ -71,15 +71,10 @@ def test_every_kernel_is_there():
 
 
 def test_callees_are_found_through_several_calls():
-    from feasigrasp.models.control.planning.branch_switches import remaining_cost_kernel
+    from feasigrasp.models.control.horizon.density import density_kernel
 
-    names = {name.rpartition(".")[2] for name in all_callees(remaining_cost_kernel)}
-    assert {
-        "remaining_cost_kernel",
-        "branch_switch_kernel",
-        "path_cost_kernel",
-        "inverse_kernel",
-    } <= names
+    names = {name.rpartition(".")[2] for name in all_callees(density_kernel)}
+    assert {"density_kernel", "standoff_kernel", "_angle_between", "inverse_kernel"} <= names
 
 
 def test_it_compiles_once_and_says_what_it_cannot(tmp_path):

@@ -15,11 +15,7 @@ from feasigrasp.models.ik.self_motion import (
     self_motion_kernel,
 )
 from feasigrasp.models.numerics.fast_math import fast_sincos
-from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: Time over which a velocity is taken [s]; its error is of the order of the squared angle that the
-#: object turns meanwhile. Source: numerical.
-_INSTANT = 1e-5
 #: Number of steps that shorten the way back from a grasp until no limit is in the way. Source:
 #: numerical.
 _BACKS = 4
@@ -82,29 +78,3 @@ def stand_behind_kernel(X_OG, standoff, X_WO, X_GF, branch, psi, margin, X_WF, q
         if reached and inside_limits_kernel(q, margin):
             break
     return back, reached
-
-
-@compiled
-def candidate_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, qd):
-    """Writes the velocity (7,) of a candidate at a flange pose; ``moved`` (4, 4) is scratch.
-
-    The closed form's derivative along the twist and the arm angle: the inverse of the Jacobian with
-    the arm angle for a seventh row. False, and nothing written, next to where it has none.
-    """
-    wx, wy, wz = V_WO[0], V_WO[1], V_WO[2]
-    for j in range(4):
-        x, y, z = X_WF[0, j], X_WF[1, j], X_WF[2, j]
-        if j == 3:
-            x, y, z = x - p_WO[0], y - p_WO[1], z - p_WO[2]
-        moved[0, j] = X_WF[0, j] + _INSTANT * (wy * z - wz * y)
-        moved[1, j] = X_WF[1, j] + _INSTANT * (wz * x - wx * z)
-        moved[2, j] = X_WF[2, j] + _INSTANT * (wx * y - wy * x)
-    for i in range(3):
-        moved[i, 3] += _INSTANT * V_WO[3 + i]
-    if not solve_kernel(moved, branch, psi + _INSTANT * psi_rate, qd):
-        return False
-    for k in range(IIWA_7.joints):
-        qd[k] = (qd[k] - q[k]) / _INSTANT
-        if not abs(qd[k]) < 100.0 * IIWA_7.velocity_limits[k]:
-            return False
-    return True

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from feasigrasp.models.choices import ControlSpace
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -14,6 +15,7 @@ from feasigrasp_lab.bench.control import (
     V_WO,
     format_table_3,
     joint_probe,
+    safe_probe,
     task_probe,
 )
 from feasigrasp_lab.measures.timing import Timing, timing_row
@@ -43,7 +45,7 @@ def test_array_logarithm_is_ours():
 
 @pytest.mark.parametrize("K", [1, 4])
 def test_the_peers_of_the_task_step_give_our_command(K):
-    probe = task_probe(REACHABILITY, K, "corrected", seed=0)
+    probe = task_probe(REACHABILITY, K, seed=0)
     mixture = probe.controller.memory(probe.context).mixture
     assert len(mixture.mixture) == K
     commands = [probe.step().copy() for _ in range(3)]
@@ -55,7 +57,7 @@ def test_the_peers_of_the_task_step_give_our_command(K):
 
 
 def test_the_joint_controller_follows_as_many_solutions_as_asked():
-    probe = joint_probe(REACHABILITY, 10, "corrected", seed=0)
+    probe = joint_probe(REACHABILITY, 10, seed=0)
     assert len(probe.controller.memory(probe.context)) == 10
     first, second = probe.step().copy(), probe.step().copy()
     assert np.isfinite(first).all() and np.linalg.norm(first - second) > 1e-4
@@ -75,17 +77,16 @@ def test_the_peer_of_the_joint_step_solves_and_descends(xp):
     assert command @ towards > 0.0
 
 
-@pytest.mark.parametrize("space", ["task", "joint"])
+@pytest.mark.parametrize("space", ControlSpace)
 def test_every_update_that_is_timed_plans(space):
     """Without an update in it, a step of the simulator takes microseconds."""
-    if space == "task":
-        probe = task_probe(REACHABILITY, 4, "safe", seed=0)
-    else:
-        probe = joint_probe(REACHABILITY, 10, "safe", seed=0, period=0.1)
+    probe = safe_probe(REACHABILITY, space, seed=0)
     before, start = probe.controller.memory(probe.context), probe.context.get_time()
-    times = probe.update_ms(0.1, 12)
+    assert len(before.grasps) > 0
+    period = probe.controller.period
+    times = probe.update_ms(period, 12)
     assert times.shape == (12,) and times.min() > 0.2
-    updates = (probe.context.get_time() - start) / 0.1
+    updates = (probe.context.get_time() - start) / period
     assert updates == pytest.approx(12 + 15)  # the first ones warm up
     assert probe.controller.memory(probe.context) is not before
 
@@ -112,4 +113,4 @@ def test_the_table_has_the_papers_figures():
 def test_a_draw_that_never_fits_is_told(monkeypatch):
     monkeypatch.setattr(bench_control, "_DRAWS", 0)
     with pytest.raises(RuntimeError, match="gave no mixture of 3 components"):
-        task_probe(REACHABILITY, 3, "corrected", seed=0)
+        task_probe(REACHABILITY, 3, seed=0)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.task.target import LENGTH_PER_RADIAN
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp_lab.paper.grasp_mixture import LENGTH_PER_RADIAN
 from tests.lab.paper.ascents import ascent_direction
 
 TIGHT = np.diag([0.05**2] * 3 + [0.005**2] * 3)

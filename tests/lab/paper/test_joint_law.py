@@ -5,15 +5,14 @@ import pytest
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.control.horizon.distance_field import NOISE_VARIANCE
-from feasigrasp.models.control.joint.options import SolutionOptions
-from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.ik.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.reach.predicted_reachability import KeepingRule, judge_grasps
+from feasigrasp.models.ik.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.paper.joint_law import PaperJointControl, PaperJointOptions
+from feasigrasp_lab.paper.predicted_reachability import KeepingRule, judge_grasps
+from feasigrasp_lab.paper.solutions import Solutions
 from feasigrasp_lab.paper.sources import from_flow
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
@@ -27,8 +26,9 @@ PRINTED = PaperJointOptions(
     gain=1.0,
     feed_forward=False,
     length_scale=0.3,
-    solutions=SolutionOptions(n_solutions=100, glide=0.0),
+    n_solutions=100,
     draw=from_flow,
+    resample=True,
 )
 
 
@@ -59,7 +59,15 @@ def test_without_grasps_in_reach_the_arm_stops(ring_of_grasps, options):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"law": "newton"}, {"gain": 0.0}, {"length_scale": -0.1}], ids=lambda w: next(iter(w))
+    "wrong",
+    [
+        {"law": "newton"},
+        {"gain": 0.0},
+        {"length_scale": -0.1},
+        {"n_solutions": 0},
+        {"resample": True},
+    ],
+    ids=lambda w: next(iter(w)),
 )
 def test_options_that_mean_nothing_are_refused(wrong):
     with pytest.raises(ControlError):
@@ -72,7 +80,7 @@ def field(solutions, X, length_scale):
     nodes = np.empty((len(solutions), 7))
     for k, node in enumerate(nodes):
         flange_pose_kernel(X, solutions.X_OG[k], 0.0, X_GF, X_WF)
-        assert solve_kernel(X_WF, solutions.branch[k], solutions.arm_angle[k, 0], node)
+        assert solve_kernel(X_WF, solutions.branch[k], solutions.arm_angle[k], node)
     limits = IIWA_7.position_limits - IIWA_7.position_margin
     nodes = nodes[(np.abs(nodes) <= limits).all(axis=1)]
 

@@ -22,7 +22,7 @@ def test_what_is_written_says_what_was_in_force(mode, controller):
     assert parse_scenario(text) == scenario or dump_scenario(parse_scenario(text)) == text
     written = yaml.load(text, Loader=yaml.BaseLoader)["control"]["options"]
     assert set(written) == set(scenario.control.options)
-    assert len(written) == (5 if mode == "paper" else 0)
+    assert len(written) == (8 if mode == "paper" else 0)
 
 
 def test_corrected_differs_from_safe_in_nothing_but_what_is_enforced():
@@ -36,10 +36,12 @@ def test_paper_is_the_papers():
     """Section IV of the paper, and its formulas as printed."""
     scenario = load("mode: paper, controller: joint")
     control = scenario.control
-    assert not control.safe and not control.feed_forward
-    assert (control.source, control.n_solutions) == ("flow", 100)
+    assert not control.safe
     assert control.options == {
         "law": "gradient",
+        "feed_forward": False,
+        "source": "flow",
+        "n_solutions": 100,
         "targets": "means",
         "damping": 0.0,
         "length_scale": 0.3,
@@ -54,7 +56,8 @@ def test_paper_is_the_papers():
 
 def test_a_key_that_is_given_wins():
     given = load("mode: paper, feed_forward: true, gain: 0.7", ", perception: {latency: 0.2}")
-    assert (given.control.feed_forward, given.control.gain) == (True, 0.7)
+    options = given.control.options
+    assert (options["feed_forward"], options["gain"]) == (True, 0.7)
     assert given.perception.latency == 0.2
     assert given.control.options["law"] == "gradient"
     # Whichever text comes first.
@@ -71,16 +74,19 @@ def test_keys_of_older_releases_keep_their_meaning():
         ", reachability: {space: default}",
     )
     new = load(
-        "mode: paper, source: closed_form, "
-        "options: {law: preconditioned, damping: 0.02, resample: false}",
+        "mode: paper, "
+        "options: {law: preconditioned, damping: 0.02, resample: false, source: closed_form}",
         ", reachability: {options: {space: default}}",
     )
     assert dump_scenario(old) == dump_scenario(new)
     both = load("mode: paper, damping: 0.3, options: {damping: 0.4, targets: medoids}")
     assert (both.control.options["damping"], both.control.options["law"]) == (0.4, "gradient")
     # Recorded scenarios hold them all, with what safe mode does anyway.
-    recorded = "law: preconditioned, damping: 0.02, targets: medoids, length_scale: 0.0"
-    assert load(f"{recorded}, resample: false").control.options == {}
+    recorded = (
+        "law: preconditioned, damping: 0.02, targets: medoids, length_scale: 0.0, resample: false"
+    )
+    others = "gain: null, feed_forward: true, n_solutions: 64, source: closed_form"
+    assert load(f"{recorded}, {others}").control.options == {}
 
 
 def test_keys_of_older_releases_are_found_where_mappings_are_merged(tmp_path):
@@ -107,11 +113,15 @@ def test_keys_of_older_releases_are_found_where_mappings_are_merged(tmp_path):
         ("{control: {mode: paper, length_scale: .nan}}", "control.options.length_scale is nan"),
         ("{control: {mode: paper, options: {lw: gradient}}}", "no key 'lw'; do you mean law"),
         ("{control: {mode: paper, options: {resample: 3}}}", "resample is 3; give a bool"),
+        ("{control: {mode: paper, source: magic}}", "source is 'magic'; .* closed_form, flow, dls"),
+        ("{control: {mode: paper, gain: -1.0}}", "control.options.gain is -1; .*0 to 1000 1/s"),
+        ("{control: {mode: paper, n_solutions: 0}}", "control.options.n_solutions is 0; .*1 to"),
         (
             "{control: {mode: corrected, resample: true}}",
             "control.options.resample .* closed_form .* flow or dls",
         ),
         ("{control: {law: gradient}}", "control.options has law, .*mode: corrected or paper"),
+        ("{control: {feed_forward: false}}", "control.options has feed_forward, .*mode: corrected"),
         ("{reachability: {space: paper}}", "reachability.options has space, .*method: both or"),
         (
             "{control: {mode: corrected, density: false}}",

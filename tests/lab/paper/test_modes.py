@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from feasigrasp.models.ik.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.ik.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -62,11 +62,10 @@ class Run:
     def configurations(self):
         """Of the solutions that the joint-space controller follows, at the object's pose now."""
         solutions, X_WF, X_GF = self.memory, np.empty((4, 4)), se3.inverse(X_FG)
-        angles = solutions.at(self.root.get_time() - solutions.time)[0]
         q = np.empty((len(solutions), 7))
         for k in range(len(q)):
             flange_pose_kernel(self.X_WO, solutions.X_OG[k], 0.0, X_GF, X_WF)
-            assert solve_kernel(X_WF, solutions.branch[k], angles[k, 0], q[k])
+            assert solve_kernel(X_WF, solutions.branch[k], solutions.arm_angle[k], q[k])
         return q
 
 
@@ -122,7 +121,7 @@ def test_corrected_in_task_space_feeds_forward_and_follows_medoids():
 def test_paper_in_joint_space_is_distance_times_gradient():
     """The paper's formulas in plain array code, over a hundred configurations from the flow."""
     run = Run("{control: {controller: joint, mode: paper}}", 2.0)
-    assert run.config.control.source == "flow"
+    assert run.config.control.options["source"] == "flow"
     nodes, q, h = run.configurations(), run.q, 1e-6
     inside = (np.abs(nodes) <= IIWA_7.position_limits - IIWA_7.position_margin).all(axis=1)
     nodes = nodes[inside]
@@ -155,9 +154,9 @@ def test_corrected_in_joint_space_follows_without_lag():
 @pytest.mark.parametrize("space", ["default", "paper"])
 def test_the_density_of_reachable_poses_decides(space):
     """Whatever the controller is given is likely enough, and does not count its flip."""
-    text = "{motion: {amplitude: [0, 0, 0], spin: 0}, control: {controller: joint, source: flow},"
+    control = "{controller: joint, mode: corrected, options: {source: flow}}"
     run = Run(
-        f"{text} reachability: "
+        f"{{motion: {{amplitude: [0, 0, 0], spin: 0}}, control: {control}, reachability: "
         f"{{method: rmm, options: {{space: {space}}}, symmetric_grasps: false}},"
         " perception: {sampler: antipodal}, grasp: {close: false}}",
         1.0,

@@ -15,12 +15,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen, Indices
-from feasigrasp.models.control.task.target import LENGTH_PER_RADIAN
 from feasigrasp.models.grasps.approach_corridor import grasp_errors_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.mixtures.fit import fit_best_mixture
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
+#: Metres that count as much as one radian in comparing poses. Source: guessed.
+LENGTH_PER_RADIAN = 0.1
 #: No grasp lies farther than this from all means, so that no component straddles symmetric grasps
 #: [rad]. Source: guessed.
 MAX_ROTATION = np.deg2rad(75.0)
@@ -137,3 +138,32 @@ def _identities(mixture: RiemannianMixture, previous: GraspMixture) -> tuple[Ind
     new = np.flatnonzero(before < 0)
     identity[new] = previous.identity.max() + 1 + np.arange(len(new))
     return identity, before
+
+
+@dataclass(frozen=True, eq=False)
+class MixtureMemory(Frozen):
+    """The mixture over the present grasps, from one update to the next.
+
+    Attributes:
+        mixture: None without grasps.
+        last: The last mixture there was, so that grasps that come back find it again.
+    """
+
+    mixture: GraspMixture | None = None
+    last: GraspMixture | None = None
+
+    def with_grasps(self, grasps: GraspSet, max_components: int, seed: int) -> MixtureMemory:
+        """The memory with the mixture over ``grasps``, refitted if they have changed.
+
+        Args:
+            grasps: Hand poses in the object frame.
+            max_components: Most components.
+            seed: Of the random numbers of a fit.
+        """
+        if len(grasps) == 0:
+            return MixtureMemory(last=self.last)
+        mixture = self.mixture or self.last
+        if mixture is None or mixture.X_OG is not grasps.X_OG:
+            rng = np.random.default_rng(seed)
+            mixture = fit_grasp_mixture(grasps, max_components, rng, mixture)
+        return MixtureMemory(mixture, mixture)

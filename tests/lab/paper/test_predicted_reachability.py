@@ -7,9 +7,9 @@ import pytest
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
-from feasigrasp.models.reach.predicted_reachability import KeepingRule, judge_grasps
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability
 from feasigrasp_lab.paper.judge import PoseJudge
+from feasigrasp_lab.paper.predicted_reachability import KeepingRule, judge_grasps
 
 REACHABILITY = Reachability()
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])

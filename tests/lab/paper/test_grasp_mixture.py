@@ -5,13 +5,14 @@ import copy
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.task.grasp_mixture import (
-    MAX_ROTATION,
-    fit_grasp_mixture,
-)
-from feasigrasp.models.control.task.target import LENGTH_PER_RADIAN
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp_lab.paper.grasp_mixture import (
+    LENGTH_PER_RADIAN,
+    MAX_ROTATION,
+    MixtureMemory,
+    fit_grasp_mixture,
+)
 
 
 def clustered_grasps(n=60, k=3, seed=0):
@@ -178,3 +179,18 @@ def test_it_moves_with_the_object(fitted):
         GraspSet(X_PO @ grasps.X_OG, grasps.width, grasps.score), 3, np.random.default_rng(1)
     )
     np.testing.assert_allclose(refitted.mixture.means, X_PO @ mixture.mixture.means, atol=1e-6)
+
+
+def test_grasps_that_come_back_find_their_components_again():
+    """The same set is not fitted again; after none at all the last mixture is gone on from."""
+    grasps, label = clustered_grasps()
+    memory = MixtureMemory().with_grasps(grasps, 3, 0)
+    assert memory.with_grasps(grasps, 3, 0).mixture is memory.mixture
+    gone = memory.with_grasps(GraspSet.empty(), 3, 0)
+    assert gone.mixture is None
+    order = np.random.default_rng(0).permutation(len(grasps))
+    back = gone.with_grasps(grasps.select(order), 3, 0)
+    before, after = memory.mixture, back.mixture
+    for cluster in range(3):
+        was = before.identity[before.component[label == cluster][0]]
+        assert after.identity[after.component[label[order] == cluster][0]] == was
