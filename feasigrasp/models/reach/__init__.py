@@ -1,13 +1,18 @@
 """Reachability of the arm, at present and over the prediction horizon."""
 
 from feasigrasp.models.reach.followable import followable_grasps
-from feasigrasp.models.reach.interception import InterceptionOptions, find_interceptions
+from feasigrasp.models.reach.interception import (
+    InterceptionOptions,
+    Situation,
+    find_interceptions,
+)
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
 
 __all__ = [
     "VERDICTS",
     "InterceptionOptions",
     "Reachability",
+    "Situation",
     "Verdict",
     "find_interceptions",
     "followable_grasps",

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from feasigrasp.errors import ReachabilityError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
+from feasigrasp.models.quantities import ArrayOf
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation, find_interceptions
 from feasigrasp.models.reach.kernels import REACHABLE
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
@@ -44,6 +49,7 @@ def judged(grasps: GraspSet, both: GraspSet, kept: Indices, verdicts: Array) -> 
     return JudgedGrasps(replace(chosen, on_object=grasps.id), tuple(verdicts.tolist()))
 
 
+@checked(ReachabilityError)
 def followable_grasps(
     grasps: GraspSet,
     now: Situation,
@@ -51,12 +57,13 @@ def followable_grasps(
     options: InterceptionOptions,
     *,
     symmetric_grasps: bool = True,
-    kept_before: Indices | tuple[int, ...] = (),
+    kept_before: Annotated[ArrayLike, ArrayOf(("k",), dtype=np.int64)] = (),
 ) -> JudgedGrasps:
     """The grasps, flips included, that cost least to intercept and follow.
 
-    One that is never intercepted has the verdict of its present pose, or "out of reach soon" where
-    that is in reach; one that costs too much "better grasps in reach".
+    One that is never intercepted has the verdict of its present pose; where that is in reach, "no
+    way in" if the pose behind it is not, else "out of reach soon". One that costs too much has
+    "better grasps in reach".
 
     Args:
         grasps: Grasps in the object frame.
@@ -65,6 +72,9 @@ def followable_grasps(
         options: Instants, limits and weights.
         symmetric_grasps: Whether the flip of a grasp counts as another.
         kept_before: Ids of the grasps that were kept last.
+
+    Raises:
+        ReachabilityError: An argument of another type or shape.
     """
     both = grasps.with_symmetric() if symmetric_grasps else grasps
     if len(both) == 0 or not now.known:
@@ -73,7 +83,16 @@ def followable_grasps(
     cost = find_interceptions(both.X_OG, both.score, now, reachability, options).cost
     cost = cost - _KEPT * (np.isin(both.id, kept_before) & (both.id != UNKNOWN))
     order = np.argsort(cost, kind="stable")
-    codes = reachability.verdicts(now.X_WO @ both.X_OG)
-    reasons = [VERDICTS[code] if code != REACHABLE else Verdict.SOON for code in codes]
-    verdicts = np.where(np.isfinite(cost), Verdict.BETTER, np.array(reasons, dtype=object))
-    return judged(grasps, both, order[np.isfinite(cost[order])][:MOST], verdicts)
+    verdicts = np.full(len(both), Verdict.BETTER, dtype=object)
+    lost = np.flatnonzero(~np.isfinite(cost))
+    verdicts[lost] = _reasons(now.X_WO @ both.X_OG[lost], reachability, options.way_in)
+    return judged(grasps, both, order[: min(MOST, len(both) - len(lost))], verdicts)
+
+
+def _reasons(X_WG: Array, reachability: Reachability, way_in: float) -> list[Verdict]:
+    """Verdicts on grasps at present poses (n, 4, 4) that are never intercepted."""
+    behind = X_WG.copy()
+    behind[:, :3, 3] -= way_in * behind[:, :3, 2]
+    codes, comes = reachability.verdicts(X_WG), reachability.reachable(behind)
+    in_reach = [Verdict.SOON if each else Verdict.NO_WAY_IN for each in comes]
+    return [VERDICTS[c] if c != REACHABLE else v for c, v in zip(codes, in_reach, strict=True)]

@@ -16,18 +16,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from feasigrasp.errors import ReachabilityError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices, record
 from feasigrasp.models.compiled import compiled
+from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.continuation import (
     branch_kernel,
     flange_pose_kernel,
     solve_kernel,
 )
-from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.redundancy import travel_times_kernel
 from feasigrasp.models.ik.self_motion import (
     arm_angle_kernel,
@@ -35,8 +38,22 @@ from feasigrasp.models.ik.self_motion import (
     next_nearest_kernel,
     self_motion_kernel,
 )
-from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.objects.predicted_poses import PredictionModel, predicted_poses
+from feasigrasp.models.objects.prediction import Motion
+from feasigrasp.models.quantities import (
+    JOINT_POSITIONS,
+    JOINT_RATES,
+    POSES,
+    TWIST,
+    UNKNOWN_POSE,
+    ArrayOf,
+    Count,
+    NotNegative,
+    Number,
+    Positive,
+    PositiveShare,
+    Whole,
+)
 from feasigrasp.models.reach.kernels import REACHABLE, hand_verdict_kernel, make_scratch
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
@@ -47,6 +64,8 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 _IN_TIME = 0.04
 #: Scores below this count as this. Source: guessed.
 _LEAST_SCORE = 0.05
+#: Branch and arm angle [rad]. Source: layout.
+_CONFIGURATION = tuple[Annotated[int, Number(least=0, most=7)], float]
 
 
 @dataclass(frozen=True)
@@ -74,26 +93,41 @@ class InterceptionOptions:
         score: What a factor e in score is worth [s]; the prototype's choice.
     """
 
-    step: float = 0.125
-    instants: int = 26
-    latest: int = 13
-    tries: int = 4
-    enough: float = 1.0
-    lack: float = 2.0
-    strain: float = 2.0
-    easy: float = 0.7
-    velocity: float = 0.9
-    acceleration: float = 0.95
-    faster: float = 1.1
-    harder: float = 1.3
-    way_in: float = 0.05
-    score: float = 0.3
+    step: Positive = 0.125
+    instants: Count = 26
+    latest: Whole = 13
+    tries: Count = 4
+    enough: NotNegative = 1.0
+    lack: NotNegative = 2.0
+    strain: NotNegative = 2.0
+    easy: NotNegative = 0.7
+    velocity: PositiveShare = 0.9
+    acceleration: PositiveShare = 0.95
+    faster: Positive = 1.1
+    harder: Positive = 1.3
+    way_in: NotNegative = 0.05
+    score: NotNegative = 0.3
+
+    def __post_init__(self) -> None:
+        """Checks the numbers.
+
+        Raises:
+            ReachabilityError: A number has the wrong sign or is not finite, a share is above 1, or
+                ``latest`` is none of the instants.
+        """
+        check_fields(self, ReachabilityError)
+        if self.latest >= self.instants:
+            raise ReachabilityError(
+                f"InterceptionOptions.latest = {self.latest}; give less than the {self.instants} "
+                "instants"
+            )
 
     @cached_property
     def record(self) -> NDArray[np.void]:
         """The options for kernels."""
         return record(self)
 
+    @checked(ReachabilityError)
     def times(self, now: float) -> Array:
         """The instants from now on [s]: multiples of ``step``, so that none recedes.
 
@@ -119,12 +153,20 @@ class Situation:
     """
 
     time: float
-    q: Array
-    v: Array
-    X_WO: Array
-    V_WO: Array
+    q: Annotated[Array, JOINT_POSITIONS]
+    v: Annotated[Array, JOINT_RATES]
+    X_WO: Annotated[Array, UNKNOWN_POSE]
+    V_WO: Annotated[Array, TWIST]
     motion: Motion | None = None
     prediction: str = PredictionModel.PREDICTED
+
+    def __post_init__(self) -> None:
+        """Checks shapes and units.
+
+        Raises:
+            ReachabilityError: One is wrong.
+        """
+        check_fields(self, ReachabilityError)
 
     @property
     def known(self) -> bool:
@@ -157,13 +199,14 @@ class Interceptions(Frozen):
     psi: Array
 
 
+@checked(ReachabilityError)
 def find_interceptions(
-    X_OG: Array,
-    score: Array,
+    X_OG: Annotated[Array, POSES],
+    score: Annotated[Array, ArrayOf(("n",))],
     now: Situation,
     reachability: Reachability,
     options: InterceptionOptions,
-    present: tuple[int, float] | None = None,
+    present: _CONFIGURATION | None = None,
 ) -> Interceptions:
     """Interceptions of grasps, each by its own best configuration.
 
@@ -174,6 +217,9 @@ def find_interceptions(
         reachability: Hand, limits and clearances.
         options: Instants, limits and weights.
         present: Branch and arm angle [rad] to which the last grasp is bound; None if it is not.
+
+    Raises:
+        ReachabilityError: An argument of another type or shape, or a pose that is none.
     """
     n, times = len(X_OG), options.times(now.time)
     found = Interceptions(

@@ -15,8 +15,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from feasigrasp.errors import ControlError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices
-from feasigrasp.models.choices import ControlSpace
+from feasigrasp.models.choices import ControlSpace, parse_word
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.horizon.clearance import clearance_kernel
 from feasigrasp.models.control.horizon.density import density_kernel
@@ -30,6 +32,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.continuation import branch_kernel
 from feasigrasp.models.ik.self_motion import arm_angle_kernel
 from feasigrasp.models.objects.predicted_poses import PredictionModel
+from feasigrasp.models.quantities import Count, NotNegative, Positive
 from feasigrasp.models.reach.interception import (
     InterceptionOptions,
     Interceptions,
@@ -69,13 +72,23 @@ class HorizonOptions:
     """
 
     prediction: str = PredictionModel.PREDICTED
-    rank_period: float = 0.1
-    switch: float = 0.3
-    patience: float = 0.5
-    neighbours: int = 6
+    rank_period: Positive = 0.1
+    switch: NotNegative = 0.3
+    patience: NotNegative = 0.5
+    neighbours: Count = 6
     corridor: ApproachCorridor = field(default_factory=ApproachCorridor)
     interception: InterceptionOptions = field(default_factory=InterceptionOptions)
     program: ProgramOptions = field(default_factory=ProgramOptions)
+
+    def __post_init__(self) -> None:
+        """Checks the numbers.
+
+        Raises:
+            ControlError: A number has the wrong sign or is not finite, or there is no prediction of
+                that name.
+        """
+        check_fields(self, ControlError)
+        parse_word(PredictionModel, self.prediction, "HorizonOptions.prediction", ControlError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +131,7 @@ class HorizonPlan(Frozen):
         return replace(self, time=time, grasps=np.zeros((0, 4, 4)))
 
 
+@checked(ControlError)
 def next_plan(
     before: HorizonPlan,
     now: Situation,
@@ -140,6 +154,9 @@ def next_plan(
         space: Of the term over the grasps.
         committed: Whether the hand is closing, or has closed, on the first of the grasps.
         surface: Distances to the object's surface, in O, which the open hand keeps off.
+
+    Raises:
+        ControlError: An argument of another type.
     """
     if not now.known:
         return before.without_grasp(now.time)

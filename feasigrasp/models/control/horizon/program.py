@@ -23,9 +23,12 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
+from feasigrasp.errors import ControlError
+from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array, record
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Rows of a position limit only from here on [rad]. Source: guessed.
@@ -62,23 +65,33 @@ class ProgramOptions:
         safety: Limits, those of the safety filter.
     """
 
-    steps: tuple[float, ...] = (
+    steps: tuple[Positive, ...] = (
         *(0.02, 0.03, 0.04, 0.05, 0.06, 0.07),
         *(0.08, 0.09, 0.1, 0.12, 0.14, 0.16),
     )
-    tail: float = 1000.0
-    tail_position: float = 0.15
-    tail_angle: float = 1.0
-    worth: float = 20.0
-    distance: float = 1e4
-    speed: float = 1.0
-    clearance: float = 2e4
-    joint: float = 500.0
-    velocity: float = 2.0
-    acceleration: float = 0.3
-    terminal: float = 0.3
-    near: float = 0.3
+    tail: Positive = 1000.0
+    tail_position: Positive = 0.15
+    tail_angle: Positive = 1.0
+    worth: NotNegative = 20.0
+    distance: NotNegative = 1e4
+    speed: NotNegative = 1.0
+    clearance: NotNegative = 2e4
+    joint: NotNegative = 500.0
+    velocity: NotNegative = 2.0
+    acceleration: Positive = 0.3
+    terminal: NotNegative = 0.3
+    near: NotNegative = 0.3
     safety: SafetyOptions = field(default_factory=SafetyOptions)
+
+    def __post_init__(self) -> None:
+        """Checks the numbers.
+
+        Raises:
+            ControlError: A number has the wrong sign or is not finite, or there is no step.
+        """
+        check_fields(self, ControlError)
+        if not self.steps:
+            raise ControlError("ProgramOptions.steps is empty; give at least one step")
 
     @cached_property
     def h(self) -> Array:
