@@ -52,7 +52,7 @@ class ProgramOptions:
             0.6 m/s.
         tail_angle: Angle error, likewise [rad]: it counts 1 at 0.022 rad.
         worth: What a second of a grasp's cost is worth in its log density [1/s]; guessed.
-        distance: Weight of the distance field [1/rad^2]: 1 at 0.01 rad; guessed.
+        distance: Weight of the distance field [1/rad^2]: 1 at 5 mrad; guessed.
         speed: What a second of a grasp's cost is worth in the distance field [rad/s]; guessed.
         clearance: Weight of the object's clearance at each point of the hand [1/m^2]: 1 at 7 mm;
             guessed.
