@@ -177,8 +177,10 @@ def make_dynamic_grasp(
         )
     made = controller or make_part(Part.CONTROLLER, scenario, reachability)
     _check_controller(made)
-    elsewhere = cell.remote and not controller and isinstance(made, GraspController)
-    add_control(cell, reachability, made, remote_planner(cell) if elsewhere else None)
+    planner = None
+    if cell.remote and not controller and isinstance(made, GraspController):
+        planner = remote_planner(cell, made.period)
+    add_control(cell, reachability, made, planner)
     add_status(cell)
     if isinstance(station, Station):
         add_measurement(cell)

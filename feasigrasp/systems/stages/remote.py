@@ -164,11 +164,10 @@ def remote_tracker(cell: RemoteCell) -> RemoteStage:
     return _remote(cell, make_tracker_stage, cell.scenario.tracker.image_period, PROMPT_LATENCY)
 
 
-def remote_planner(cell: RemoteCell) -> RemoteStage:
-    """The proxy of `make_planner_stage`."""
-    scenario = cell.scenario
-    time = scenario.control.planning_time or PROMPT_LATENCY
-    return _remote(cell, make_planner_stage, scenario.reachability.period, time)
+def remote_planner(cell: RemoteCell, period: float) -> RemoteStage:
+    """The proxy of `make_planner_stage`, for a controller that plans every ``period`` [s]."""
+    time = cell.scenario.control.planning_time or PROMPT_LATENCY
+    return _remote(cell, make_planner_stage, period, time)
 
 
 def _after_image(scenario: Scenario) -> float:
