@@ -14,13 +14,12 @@ from feasigrasp.models.clouds import FusedCloud
 from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.control import (
-    JointControlOptions,
+    HorizonOptions,
+    ProgramOptions,
     SafetyFilter,
     SafetyOptions,
-    TaskControlOptions,
 )
-from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.task.memory import TaskMemory
+from feasigrasp.models.control.horizon.law import HorizonPlan
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.grasps import AntipodalSampler, GraspSet, NetworkSampler, Perception
@@ -30,7 +29,8 @@ from feasigrasp.models.objects import HarmonicMotion, load_object
 from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracker_config import TrackerConfig
-from feasigrasp.models.reach import Reachability
+from feasigrasp.models.reach import InterceptionOptions, Reachability
+from feasigrasp.models.reach.interception import Situation
 from feasigrasp.models.robot import IIWA_7, ParallelGripper
 from feasigrasp.models.sensors import MATERIALS, CameraErrors, DepthNoise
 from feasigrasp.models.shape import complete_shape, fit_gpdf, fit_scene
@@ -126,6 +126,7 @@ class Examples:
         view = ObjectView(camera, X_WC, cloud, np.full((240, 320), 0.4))
         grid = ObstacleGrid(np.ones((3, 3, 3), dtype=np.float32), np.array([0.0, 0, 0, 0.1, 1.0]))
         q, twist, K = np.full(7, 0.3), np.full(6, 0.1), np.diag([280.0, 280.0, 1.0])
+        now = Situation(0.0, q, np.zeros(7), np.eye(4), twist)
         motion = HarmonicMotion(*np.ones((4, 3)), 1.0, 0.0, np.ones(3), 0.1)
         scene = fit_scene(cloud, [0.0, 0.0, 1.0])
         controller = Still(reach)
@@ -145,10 +146,12 @@ class Examples:
             "DepthNoise": DepthNoise(),
             "Material": MATERIALS["shiny"],
             "FusedCloud": FusedCloud(cloud, cloud, 0.003, 1, False, cloud, np.ones(len(cloud))),
-            "JointControlOptions": JointControlOptions(),
+            "HorizonOptions": HorizonOptions(),
+            "InterceptionOptions": InterceptionOptions(),
+            "ProgramOptions": ProgramOptions(),
             "SafetyFilter": SafetyFilter(gripper=gripper),
+            "Situation": now,
             "SafetyOptions": SafetyOptions(),
-            "TaskControlOptions": TaskControlOptions(),
             "AntipodalSampler": AntipodalSampler(),
             "GraspSet": grasps,
             "NetworkSampler": NetworkSampler(),
@@ -213,7 +216,12 @@ class Examples:
             "t": 0.5, "name": "network", "mesh": mesh.mesh, "density": 300.0,
             "name_or_path": "ball", "load_object.mass": None,
             # reach
-            "X_WG": poses, "X_WO": np.eye(4), "V_WO": twist, "judge": reach,
+            "X_WG": poses, "X_WO": np.eye(4), "V_WO": twist,
+            "Situation.v": q, "Situation.time": 0.0, "ahead": np.array([0.1, 0.2]),
+            "InterceptionOptions.times.now": 0.5, "find_interceptions.score": np.ones(5),
+            "find_interceptions.X_OG": poses, "find_interceptions.options": InterceptionOptions(),
+            "followable_grasps.options": InterceptionOptions(),
+            "now": now,
             "motion": MotionEstimate(empty_state(), 0.0), "kept_before": np.array([1]),
             "reachability": reach,
             # robot
@@ -243,16 +251,14 @@ class Examples:
             "width": 320, "height": 240, "GraspSet.width": grasps.width,
             "filter_grasps.width": grasps.width, "ghost": "paper",
             "run.keep": lambda record: None, "line": None, "live": None, "size": (320, 240),
-            "StationConfig.q_start": q, "GPJointController.update.memory": Solutions.empty(),
-            "GPJointController.velocity.memory": Solutions.empty(), "GraspController.memory": None,
+            "StationConfig.q_start": q, "GraspController.memory": None,
             "scenario": Scenario(), "config": GraspSequenceConfig(),
             "ObjectTracker.config": TrackerConfig(), "Station.config": StationConfig(plant),
             "obj": mesh, "Station.motion": motion, "label": 3, "camera": camera,
-            "sampler": AntipodalSampler(), "period": 0.1, "memory": TaskMemory(),
+            "sampler": AntipodalSampler(), "period": 0.1, "memory": HorizonPlan(),
             "inputs": ControllerInputs(controller, context), "context": context,
             "GraspController.safety": SafetyOptions(),
-            "GPJointController.options": JointControlOptions(),
-            "RMMTaskController.options": TaskControlOptions(), "plant": plant,
+            "plant": plant,
             "groups": ("task",), "edge_jump": 0.02, "planning_time": 0.02,
         }  # fmt: skip
         for system in fields(Subsystems):

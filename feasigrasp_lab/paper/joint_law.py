@@ -25,16 +25,21 @@ from feasigrasp.models.control.horizon.distance_field import (
 )
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.ik.continuation import branch_kernel
+from feasigrasp.models.ik.continuation import branch_kernel, solve_kernel
 from feasigrasp.models.ik.self_motion import arm_angle_kernel
 from feasigrasp.models.objects.prediction import Motion, future_poses
 from feasigrasp.models.quantities import Count, NotNegative, Positive
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.paper.options import Law
-from feasigrasp_lab.paper.solution_search import SolutionSearch
-from feasigrasp_lab.paper.solutions import Solutions, feed_forward_kernel, place_kernel
+from feasigrasp_lab.paper.solutions import Solutions, SolutionSearch, place_kernel
 from feasigrasp_lab.paper.sources import Draw, closed_form_configurations, drawn_configurations
+
+#: Time over which a velocity is taken [s]; its error is of the order of the squared angle that the
+#: object turns meanwhile. Source: numerical.
+_INSTANT = 1e-5
+#: Solutions that count less than this are not fed forward. Source: numerical.
+_NEGLIGIBLE = 1e-4
 
 
 def _resampled(draw: Draw, n: int, X_WF: Array) -> tuple[Array, Indices]:
@@ -109,6 +114,49 @@ class PaperJointOptions:
         parse_choice(Law, self.law, "law", ControlError)
         if self.resample and self.draw is None:
             raise ControlError("resample is True, but the closed form draws nothing; give draw")
+
+
+@compiled
+def candidate_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, q, moved, qd):
+    """Writes the velocity (7,) of a candidate at a flange pose; ``moved`` (4, 4) is scratch.
+
+    The closed form's derivative along the twist at a fixed arm angle: the inverse of the Jacobian
+    with the arm angle for a seventh row. False next to where it has none.
+    """
+    wx, wy, wz = V_WO[0], V_WO[1], V_WO[2]
+    for j in range(4):
+        x, y, z = X_WF[0, j], X_WF[1, j], X_WF[2, j]
+        if j == 3:
+            x, y, z = x - p_WO[0], y - p_WO[1], z - p_WO[2]
+        moved[0, j] = X_WF[0, j] + _INSTANT * (wy * z - wz * y)
+        moved[1, j] = X_WF[1, j] + _INSTANT * (wz * x - wx * z)
+        moved[2, j] = X_WF[2, j] + _INSTANT * (wx * y - wy * x)
+    for i in range(3):
+        moved[i, 3] += _INSTANT * V_WO[3 + i]
+    if not solve_kernel(moved, branch, psi, qd):
+        return False
+    for k in range(IIWA_7.joints):
+        qd[k] = (qd[k] - q[k]) / _INSTANT
+        if not abs(qd[k]) < 100.0 * IIWA_7.velocity_limits[k]:
+            return False
+    return True
+
+
+@compiled
+def feed_forward_kernel(X_WF, V_WO, p_WO, branch, arm_angle, index, weights, q, qd):
+    """Writes the mean velocity (7,) of the solutions that count."""
+    moved, one = np.empty((4, 4)), np.empty(IIWA_7.joints)
+    moved[3] = 0.0
+    moved[3, 3] = 1.0
+    qd[:] = 0.0
+    for k in range(len(index)):
+        if weights[k] > _NEGLIGIBLE:
+            i = index[k]
+            if candidate_velocity_kernel(
+                X_WF[k], V_WO, p_WO, branch[i], arm_angle[i], q[k], moved, one
+            ):
+                for j in range(IIWA_7.joints):
+                    qd[j] += weights[k] * one[j]
 
 
 @compiled

@@ -10,6 +10,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp_lab.paper.joint_law import PaperJointControl, PaperJointOptions
 from feasigrasp_lab.paper.predicted_reachability import KeepingRule, judge_grasps
 from feasigrasp_lab.paper.solutions import Solutions
@@ -122,3 +123,27 @@ def test_solutions_are_drawn_anew_from_the_same_seed(ring_of_grasps):
     assert np.median(nearest) < 0.1
     gone = control.update(first, PERIOD, GraspSet.empty(), X_WO, STILL, HOME)
     assert len(gone) == 0
+
+
+def test_one_solution_is_approached_at_the_rate_and_moves_with_the_object(ring_of_grasps):
+    """With one solution d is the Euclidean distance: qd = k (q_1 - q), plus what keeps q_1 on."""
+    control, one = solutions_of(in_reach(ring_of_grasps), PaperJointOptions(n_solutions=1))
+    assert len(one) == 1
+    q_1, V_WO = field(one, X_WO, 0.2)[0][0], np.array([0.1, -0.2, 0.1, 0.05, 0.02, -0.03])
+    qd = control.velocity(HOME, one, 0.0, X_WO, STILL)
+    np.testing.assert_allclose(qd, PaperJointOptions().gain * (q_1 - HOME), atol=1e-4)
+    carried = control.velocity(HOME, one, 0.0, X_WO, V_WO) - qd
+    X_WH, J = pose_and_jacobian(q_1, X_FG)
+    lever = X_WH[:3, 3] - X_WO[:3, 3]
+    expected = np.r_[V_WO[:3], V_WO[3:] + np.cross(V_WO[:3], lever)]
+    np.testing.assert_allclose(J @ carried, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("part", ["pose", "twist"])
+def test_an_object_that_is_nowhere_stops_the_arm_and_its_solutions_are_kept(ring_of_grasps, part):
+    grasps = in_reach(ring_of_grasps)
+    control, solutions = solutions_of(grasps, PaperJointOptions())
+    X, V = X_WO.copy(), STILL.copy()
+    (X if part == "pose" else V)[1] = np.nan
+    np.testing.assert_array_equal(control.velocity(HOME, solutions, 0.01, X, V), 0.0)
+    assert control.update(solutions, PERIOD, grasps, X, V, HOME) is solutions

@@ -10,8 +10,13 @@ from feasigrasp.models.ik.continuation import branch_kernel, flange_pose_kernel,
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp_lab.paper.solution_search import COST_RATE, IRRELEVANT, SolutionSearch, matches
-from feasigrasp_lab.paper.solutions import Solutions
+from feasigrasp_lab.paper.solutions import (
+    COST_RATE,
+    IRRELEVANT,
+    Solutions,
+    SolutionSearch,
+    matches,
+)
 from feasigrasp_lab.paper.sources import (
     APART,
     DRAWS,

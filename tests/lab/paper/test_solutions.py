@@ -13,12 +13,8 @@ from feasigrasp.models.ik.self_motion import arm_angle_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp_lab.paper.solutions import (
-    Solutions,
-    candidate_velocity_kernel,
-    feed_forward_kernel,
-    place_kernel,
-)
+from feasigrasp_lab.paper.joint_law import candidate_velocity_kernel, feed_forward_kernel
+from feasigrasp_lab.paper.solutions import Solutions, place_kernel
 
 X_FG = ParallelGripper().X_FG
 X_GF = se3.inverse(X_FG)

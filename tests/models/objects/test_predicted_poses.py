@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from feasigrasp.models.objects.predicted_poses import PredictionModel, predicted_poses
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.predicted_poses import PredictionModel, predicted_poses
 from feasigrasp.models.objects.prediction import MotionEstimate
 
 X_WO = se3.make_pose(se3.so3_exp([0.1, 0.2, 0.3]), [0.5, 0.1, 0.4])
