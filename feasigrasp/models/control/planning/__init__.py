@@ -1,1 +1,1 @@
-"""Planning over the prediction horizon: grasp candidates, cost-to-go, branch switches."""
+"""What goes with a plan: clearances, what the camera sees, where to look, reaction to contact."""
