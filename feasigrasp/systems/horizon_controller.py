@@ -59,9 +59,11 @@ class HorizonController(GraspController):
     @checked(ControlError)
     def update(self, memory: HorizonPlan, inputs: ControllerInputs) -> HorizonPlan:
         """The next plan."""
-        qd = inputs.qd_last
+        qd, program = inputs.qd_last, self._options.program
+        if qd is None:  # taken to do as planned
+            qd = plan_velocity(memory, inputs.time - program.safety.period, program)
         now = Situation(
-            *(inputs.time, inputs.q, np.zeros(IIWA_7.joints) if qd is None else qd),
+            *(inputs.time, inputs.q, qd),
             *(inputs.X_WO, inputs.V_WO, inputs.motion, self._options.prediction),
         )
         return next_plan(
@@ -78,12 +80,18 @@ class HorizonController(GraspController):
     @checked(ControlError)
     def velocity(self, memory: HorizonPlan, inputs: ControllerInputs) -> Array:
         """The velocity of the plan, inside limits and clearances."""
+        if not np.isfinite(inputs.X_WO.sum() + inputs.V_WO.sum()):  # lost since the last update
+            memory = memory.without_grasp(inputs.time)
         X_FG, q, last = self.reachability.gripper.X_FG, inputs.q, inputs.qd_last
         grasp = memory.grasps[:1]
         moving = scheduled_obstacle(
             *(inputs.surface, q, inputs.X_WO, inputs.V_WO, X_FG, grasp, self._options.corridor)
         )
-        if len(grasp) and moving is not None and moving.misaligned:
+        if len(grasp) == 0:
+            return self.safety.velocity(
+                q, np.zeros(IIWA_7.joints), qd_last=last, obstacles=inputs.obstacles, moving=moving
+            )
+        if moving is not None and moving.misaligned:
             return retreat_velocity(
                 self.safety, q, X_FG, moving, qd_last=last, obstacles=inputs.obstacles
             )

@@ -73,12 +73,8 @@ def test_with_nothing_to_follow_the_command_is_exactly_zero(make, inputs):
 @every
 @pytest.mark.parametrize(
     "lost",
-    [
-        {"object_pose": UNKNOWN},
-        {"object_velocity": SpatialVelocity(np.full(6, np.nan))},
-        {"object_pose": FAR},
-    ],
-    ids=["pose unknown", "twist unknown", "out of reach"],
+    [{"object_pose": UNKNOWN}, {"object_velocity": SpatialVelocity(np.full(6, np.nan))}],
+    ids=["pose unknown", "twist unknown"],
 )
 def test_an_object_that_is_lost_between_updates_stops_the_arm(make, lost):
     bench = Bench(make)
@@ -89,6 +85,17 @@ def test_an_object_that_is_lost_between_updates_stops_the_arm(make, lost):
     np.testing.assert_array_equal(bench.command(), np.zeros(7))
     bench.fix(object_pose=NEAR, object_velocity=STILL)
     bench.advance(0.4)
+    assert np.linalg.norm(bench.command()) > 0.05
+
+
+@every
+def test_an_object_that_leaves_stops_the_arm_as_soon_as_it_is_not_waited_for_any_more(make):
+    bench = Bench(make)
+    bench.fix(object_pose=FAR)
+    bench.advance(0.7)
+    np.testing.assert_array_equal(bench.command(), np.zeros(7))
+    bench.fix(object_pose=NEAR)
+    bench.advance(0.9)
     assert np.linalg.norm(bench.command()) > 0.05
 
 

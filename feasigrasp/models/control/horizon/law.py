@@ -106,7 +106,7 @@ class HorizonPlan(Frozen):
         q: Configuration then, shape (7,) [rad].
         v_arrival: Its velocity, shape (7,) [rad/s].
         ranked: When the grasps were ranked [s].
-        seen: When the selected grasp was last offered [s].
+        seen: When the selected grasp was last offered and could be intercepted [s].
     """
 
     time: float = -np.inf
@@ -299,12 +299,12 @@ def _selected(
     options: HorizonOptions,
 ) -> HorizonPlan:
     """The plan before with the grasps to go for; without one if none can be intercepted."""
-    time, X_OG, score, present = now.time, grasps.X_OG, grasps.score, None
+    time, X_OG, score, present, same = now.time, grasps.X_OG, grasps.score, None, -1
     plan = replace(before, time=time)
     if before.X_OG is not None:
         errors = np.max(grasp_errors(X_OG, before.X_OG) / _SAME_GRASP, axis=1, initial=0.0)
-        same = int(np.argmin(errors)) if len(errors) and errors.min() <= 1.0 else -1
-        plan = replace(plan, seen=time if same >= 0 else before.seen)
+        if len(errors) and errors.min() <= 1.0:
+            same = int(np.argmin(errors))
         if same >= 0 or time < before.seen + options.patience:
             if time < before.ranked + options.rank_period - 1e-9:
                 return plan
@@ -320,7 +320,8 @@ def _selected(
         cost[-1] -= options.switch
     best = int(np.argmin(cost))
     if not np.isfinite(cost[best]):
-        return plan if present is not None else plan.without_grasp(time)
+        waits = present is not None and time < before.seen + options.patience
+        return plan if waits else plan.without_grasp(time)
     near = _neighbours(best, X_OG, found, options.neighbours)
     return replace(
         plan,
@@ -331,7 +332,7 @@ def _selected(
         arrival=time + float(found.arrival[best]),
         q=found.q[best],
         v_arrival=found.v[best],
-        seen=plan.seen if present is not None and best == len(cost) - 1 else time,
+        seen=before.seen if present is not None and same < 0 and best == len(cost) - 1 else time,
     )
 
 

@@ -32,12 +32,12 @@ def object_pose():
     return pose_and_jacobian(Q, GRIPPER.X_FG)[0] @ se3.inverse(X_OG)
 
 
-def quadratic_form(q, X_WO, ball, *, clearance=CLEARANCE):
+def quadratic_form(q, X_WO, ball, *, clearance=CLEARANCE, corridor=CORRIDOR):
     X_WH, J_WH = pose_and_jacobian(q, GRIPPER.X_FG)
     H, g = np.zeros((1, 7, 7)), np.zeros((1, 7))
     clearance_kernel(
         *(X_WH[None], J_WH[None], X_WO[None], X_OG[None], HAND, ball.values, ball.frame),
-        *(clearance, CORRIDOR.parameters, WEIGHT, H, g),
+        *(clearance, corridor.parameters, WEIGHT, H, g),
     )
     return H[0], g[0]
 
@@ -78,5 +78,9 @@ def test_nothing_is_added_where_the_clearance_is_kept(ball):
 
 def test_a_hand_that_is_not_lined_up_keeps_farther_off(ball):
     X_WO, q = object_pose(), Q + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.8])
-    lined_up, turned = (np.trace(quadratic_form(each, X_WO, ball)[0]) for each in (Q, q))
-    assert turned > 1.2 * lined_up
+    plain = ApproachCorridor(max_standoff=0.0)
+    for each, farther in ((Q, False), (q, True)):
+        H, g = quadratic_form(each, X_WO, ball)
+        H_plain, g_plain = quadratic_form(each, X_WO, ball, corridor=plain)
+        assert (np.trace(H) > 1.1 * np.trace(H_plain)) == farther
+        assert (np.linalg.norm(g) > 1.1 * np.linalg.norm(g_plain)) == farther

@@ -33,6 +33,8 @@ Q_GRASP = Q + np.array([0.3, 0.2, 0.1, 0.2, -0.2, 0.1, 0.2])
 X_OG = se3.make_pose(se3.so3_exp([0.4, 2.0, 0.3]), [0.01, 0.02, -0.01])
 X_WO = forward_kinematics(Q_GRASP, X_FG) @ se3.inverse(X_OG)
 
+FAR = se3.make_pose(np.eye(3), [3.0, 0.0, 0.5])
+
 both_spaces = pytest.mark.parametrize("space", [*ControlSpace])
 
 
@@ -226,6 +228,19 @@ def test_a_grasp_that_is_not_offered_any_more_is_followed_for_a_while():
             np.testing.assert_array_equal(selected, then)
 
 
+def test_a_grasp_that_cannot_be_met_any_more_is_followed_for_a_while():
+    """Though it is offered: the object has gone too far."""
+    plan = planned(HorizonPlan(), at(), grasps(X_OG))
+    for time, selected in ((0.1, True), (0.48, True), (0.6, False)):
+        plan = planned(plan, at(time, X_WO=FAR), grasps(X_OG))
+        assert (plan.X_OG is not None) == selected
+    # One that comes back in time is not given up.
+    plan = planned(HorizonPlan(), at(), grasps(X_OG))
+    for time, X in ((0.3, FAR), (0.4, X_WO), (0.8, FAR)):
+        plan = planned(plan, at(time, X_WO=X), grasps(X_OG))
+    np.testing.assert_array_equal(plan.X_OG, X_OG)
+
+
 def test_a_grasp_that_is_sampled_anew_is_the_same_one():
     """Its place follows, and the arm angle stays, while others save nothing."""
     selection = Selection(grasps(X_OG))
@@ -233,7 +248,7 @@ def test_a_grasp_that_is_sampled_anew_is_the_same_one():
     for k in range(1, 7):
         moved = shifted(0.006 * k, 0.05 * k)
         np.testing.assert_array_equal(selection.go_on(0.1, grasps(moved)), moved)
-        assert selection.plan.seen == selection.time
+        assert selection.plan.seen == pytest.approx(selection.time)
     assert selection.plan.psi[0] == psi
 
 
@@ -261,7 +276,7 @@ def test_a_hand_that_closes_on_the_grasp_it_went_for_keeps_its_configuration():
 UNKNOWN = [
     {"X_WO": np.full((4, 4), np.nan)},
     {"V_WO": np.full(6, np.nan)},
-    {"X_WO": se3.make_pose(np.eye(3), [3.0, 0.0, 0.5])},
+    {"X_WO": FAR},
 ]
 
 
