@@ -63,8 +63,13 @@ class HorizonController(GraspController):
         if qd is None:  # taken to do as planned
             qd = plan_velocity(memory, inputs.time - program.safety.period, program)
         now = Situation(
-            *(inputs.time, inputs.q, qd),
-            *(inputs.X_WO, inputs.V_WO, inputs.motion, self._options.prediction),
+            inputs.time,
+            inputs.q,
+            qd,
+            inputs.X_WO,
+            inputs.V_WO,
+            inputs.motion,
+            self._options.prediction,
         )
         return next_plan(
             *(memory, now, inputs.grasps, self.reachability, self._options, self.space),

@@ -9,14 +9,15 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.arguments import checked
+from feasigrasp.models.choices import parse_word
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.control.planning.in_view import rated_by_view
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.grasps.hand_clearance import scene_clear, unobserved_clear
 from feasigrasp.models.grasps.payload import rated_by_payload
-from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.objects.predicted_poses import PredictionModel
+from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import Positive
 from feasigrasp.models.reach.followable import JudgedGrasps, followable_grasps
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation
@@ -218,6 +219,7 @@ class ReachabilityFilter(LeafSystem):
         were kept is remembered every ``period`` seconds.
         """
         super().__init__()
+        parse_word(PredictionModel, prediction, "prediction", ReachabilityError)
         self._reachability, self._options = reachability, options or InterceptionOptions()
         self._prediction, self._symmetric_grasps = prediction, symmetric_grasps
         self._grasps = declare_input(self, "grasps", GraspSet.empty())

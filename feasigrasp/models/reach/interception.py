@@ -173,7 +173,8 @@ class Situation:
         """Whether the object's pose and twist are."""
         return bool(np.isfinite(self.X_WO).all() and np.isfinite(self.V_WO).all())
 
-    def future(self, ahead: Array) -> Array:
+    @checked(ReachabilityError)
+    def future(self, ahead: Annotated[Array, ArrayOf(("k",), "s")]) -> Array:
         """Predicted poses (k, 4, 4) of the object at times from now on [s]."""
         return predicted_poses(self.prediction, self.motion, self.X_WO, self.V_WO, ahead)
 
