@@ -9,10 +9,9 @@ from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.runs.metrics.reference_robot import reference_robot, self_collision_metrics
 from feasigrasp.systems import (
-    gp_joint_controller,
+    horizon_controller,
     point_cloud_to_gpdf,
     reachability_filter,
-    rmm_task_controller,
     velocity_drive,
 )
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
@@ -36,16 +35,14 @@ def wrap(monkeypatch, calls, owner, name):
 
 @pytest.mark.parametrize("controller", ["task", "joint"])
 def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
-    """Perception 2 Hz, adaptation 10 Hz, control 200 Hz, plant 400 Hz, over one second."""
+    """Perception 2 Hz, adaptation 10 Hz, plans 50 Hz, control 200 Hz, plant 400 Hz."""
     calls: dict[str, int] = {}
     for owner, name in (
         (point_cloud_to_gpdf, "complete_shape"),
         (NetworkSampler, "__call__"),
-        (reachability_filter, "judge_grasps"),
-        (rmm_task_controller.RMMTaskController, "update"),
-        (rmm_task_controller, "task_space_velocity"),
-        (gp_joint_controller.JointSpaceControl, "update"),
-        (gp_joint_controller.JointSpaceControl, "velocity"),
+        (reachability_filter, "followable_grasps"),
+        (horizon_controller, "next_plan"),
+        (horizon_controller.HorizonController, "velocity"),
         (velocity_drive.VelocityDrive, "_update"),
         (object_servo, "motion_wrench_kernel"),
     ):
@@ -57,16 +54,12 @@ def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
 
     assert calls.pop("complete_shape") == 2
     assert calls.pop("__call__") == 2
-    assert calls.pop("judge_grasps") == 10
+    assert calls.pop("followable_grasps") == 10
     assert calls.pop("_update") == 200
     # Once more when the state of a slow stage changes between the log of the torque and the step.
     assert 400 <= calls.pop("motion_wrench_kernel") <= 410
-    if controller == "task":
-        assert calls.pop("update") == 10
-        assert calls.pop("task_space_velocity") == 200
-    else:
-        assert calls.pop("update") == 10
-        assert calls.pop("velocity") == 200
+    assert calls.pop("next_plan") == 50
+    assert calls.pop("velocity") == 200
     assert calls == {}
 
 
