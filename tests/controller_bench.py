@@ -8,8 +8,7 @@ from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.systems.gp_joint_controller import GPJointController
-from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp_lab.baselines.nearest_grasp_controller import NearestGraspController
 
 REACH = Reachability()

@@ -8,14 +8,18 @@ import re
 import numpy as np
 import pytest
 import yaml
-
-import feasigrasp as fg
-from feasigrasp.models.control.horizon.distance_field import MAX_LENGTH_SCALE, MIN_LENGTH_SCALE, SPACING_RATIO
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.planning.cost_weights import CostWeights
+from feasigrasp.models.control.task.choice import ChoiceOptions
+
+import feasigrasp as fg
+from feasigrasp.models.control.horizon.distance_field import (
+    MAX_LENGTH_SCALE,
+    MIN_LENGTH_SCALE,
+    SPACING_RATIO,
+)
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.control.status import StatusCode
-from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.rigid_object import builtin_objects
 from feasigrasp.models.objects.spring_drive import SPRINGS

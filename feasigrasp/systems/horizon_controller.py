@@ -1,4 +1,4 @@
-"""Receding-horizon controller of the arm, the base of both grasp controllers."""
+"""Receding-horizon controllers of the arm, in task space and in joint space."""
 
 from __future__ import annotations
 
@@ -105,3 +105,21 @@ class HorizonController(GraspController):
         return self.safety.velocity(
             q, qd, J_WH, J_WH @ qd, qd_last=last, obstacles=inputs.obstacles, moving=moving
         )
+
+
+class RMMTaskController(HorizonController):
+    """Plans down the negative log density of a Riemannian mixture over the grasps.
+
+    See `feasigrasp.models.control.horizon.density`.
+    """
+
+    space = ControlSpace.TASK
+
+
+class GPJointController(HorizonController):
+    """Plans down a Gaussian-process distance field over the grasps' configurations.
+
+    See `feasigrasp.models.control.horizon.distance`.
+    """
+
+    space = ControlSpace.JOINT

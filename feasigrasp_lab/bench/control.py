@@ -39,8 +39,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.runs.results.arguments import add_common_arguments
 from feasigrasp.runs.results.rows import Row, format_rows
-from feasigrasp.systems.gp_joint_controller import GPJointController
-from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
 from feasigrasp_lab.paper.controllers import PaperJointController, PaperTaskController
 from feasigrasp_lab.paper.joint_law import PaperJointOptions

@@ -9,9 +9,8 @@ from feasigrasp.errors import ControlError
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
-from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp_lab.arm.self_collision import min_distance
 from tests.controller_bench import FAR, NEAR, REACH, STILL, UNKNOWN, Bench, every, ring
 

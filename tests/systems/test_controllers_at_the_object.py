@@ -18,9 +18,8 @@ from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp.systems.ports import to_value
-from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp_lab.arm.self_collision import min_distance
 from tests.controller_bench import HOME, NEAR, REACH, STILL, UNKNOWN, Bench, every, ring
 

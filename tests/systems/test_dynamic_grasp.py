@@ -18,12 +18,11 @@ from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp.systems.dynamic_grasp import Subsystems, make_dynamic_grasp
 from feasigrasp.systems.from_scenario import make_controller
-from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.ports import declare_input
-from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp_lab.paper.controllers import Unenforced
 from tests.pipeline import scenario
 

@@ -20,9 +20,8 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems import horizon_controller
-from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp.systems.metrics import SAMPLE_NAMES
-from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.velocity_drive import VelocityDrive
 from feasigrasp_lab.paper.controllers import PaperJointController
 from feasigrasp_lab.protocols.speed import at_spin

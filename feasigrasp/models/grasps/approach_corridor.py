@@ -14,7 +14,6 @@ import numpy as np
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 
-
 #: Extra clearance to the object: this share of the hand's standoff, and at most this distance [m].
 #: Source: guessed.
 _SHARE, _MOST = 0.2, 0.01

@@ -25,10 +25,9 @@ from feasigrasp.scenario.sampling import (
     make_static_obstacles,
 )
 from feasigrasp.scenario.schema import EXACT, Scenario
-from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
-from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
 

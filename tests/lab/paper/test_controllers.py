@@ -13,9 +13,8 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
-from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp_lab.baselines.nearest_grasp_controller import NearestGraspController
 from feasigrasp_lab.paper.controllers import (
     PaperJointController,

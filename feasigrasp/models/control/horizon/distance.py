@@ -24,9 +24,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 @compiled
-def distance_kernel(
-    Q, X_WH, X_WO, X_OG, branch, psi, penalty, share, corridor, X_GF, weight, H, g
-):
+def distance_kernel(Q, X_WH, X_WO, X_OG, branch, psi, penalty, share, corridor, X_GF, weight, H, g):
     """Adds the quadratic forms of all knots to Hessians H (N, 7, 7) and gradients g (N, 7).
 
     ``Q`` (N, 7) and ``X_WH`` (N, 4, 4) are the plan's positions and hand poses, ``X_WO``
@@ -42,10 +40,10 @@ def distance_kernel(
         for i in range(count):
             back = share[k] * standoff_kernel(X_OG[i], X_OH, corridor)
             flange_pose_kernel(X_WO[k], X_OG[i], back, X_GF, X_WF)
-            if solve_kernel(X_WF, branch[i], psi[i], found[m]):
-                if inside_limits_kernel(found[m], IIWA_7.position_margin):
-                    cost[m] = penalty[i]
-                    m += 1
+            reached = solve_kernel(X_WF, branch[i], psi[i], found[m])
+            if reached and inside_limits_kernel(found[m], IIWA_7.position_margin):
+                cost[m] = penalty[i]
+                m += 1
         if m == 0:
             continue
         nodes, r, beta, lowest = found[:m], np.empty((m, m)), np.empty(m), np.empty(m)

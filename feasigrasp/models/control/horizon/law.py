@@ -106,6 +106,7 @@ class HorizonPlan(Frozen):
         q: Configuration then, shape (7,) [rad].
         v_arrival: Its velocity, shape (7,) [rad/s].
         ranked: When the grasps were ranked [s].
+        score: Score of the selected grasp.
         seen: When the selected grasp was last offered and could be intercepted [s].
     """
 
@@ -120,6 +121,7 @@ class HorizonPlan(Frozen):
     v_arrival: Array = field(default_factory=lambda: np.zeros(IIWA_7.joints))
     ranked: float = -np.inf
     seen: float = -np.inf
+    score: float = 1.0
 
     @property
     def X_OG(self) -> Array | None:
@@ -308,7 +310,7 @@ def _selected(
         if same >= 0 or time < before.seen + options.patience:
             if time < before.ranked + options.rank_period - 1e-9:
                 return plan
-            kept, worth = (X_OG[same], score[same]) if same >= 0 else (before.X_OG, 1.0)
+            kept, worth = (X_OG[same], score[same]) if same >= 0 else (before.X_OG, before.score)
             X_OG, score = np.concatenate([X_OG, kept[None]]), np.append(score, worth)
             present = int(before.branch[0]), float(before.psi[0])
     plan = replace(plan, ranked=time)
@@ -332,6 +334,7 @@ def _selected(
         arrival=time + float(found.arrival[best]),
         q=found.q[best],
         v_arrival=found.v[best],
+        score=float(score[best]),
         seen=before.seen if present is not None and same < 0 and best == len(cost) - 1 else time,
     )
 
@@ -339,6 +342,7 @@ def _selected(
 def _neighbours(best: int, X_OG: Array, found: Interceptions, most: int) -> Indices:
     """Indices of a grasp and of those near it, the nearest first, shape (m,)."""
     errors = np.max(grasp_errors(X_OG, X_OG[best]) / _NEIGHBOUR, axis=1)
+    errors[errors < 1e-6] = np.inf  # the same, in another configuration
     errors[best] = -1.0
     apart = np.abs(found.q - found.q[best]).max(axis=1)
     near = np.isfinite(found.cost) & (errors < 1.0) & (apart < _SAME_ARM)
