@@ -8,9 +8,6 @@ import re
 import numpy as np
 import pytest
 import yaml
-from feasigrasp.models.control.joint.options import SolutionOptions
-from feasigrasp.models.control.planning.cost_weights import CostWeights
-from feasigrasp.models.control.task.choice import ChoiceOptions
 
 import feasigrasp as fg
 from feasigrasp.models.control.horizon.distance_field import (
@@ -18,12 +15,15 @@ from feasigrasp.models.control.horizon.distance_field import (
     MIN_LENGTH_SCALE,
     SPACING_RATIO,
 )
+from feasigrasp.models.control.horizon.law import HorizonOptions
+from feasigrasp.models.control.horizon.program import ProgramOptions
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.control.status import StatusCode
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.rigid_object import builtin_objects
 from feasigrasp.models.objects.spring_drive import SPRINGS
 from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.reach.interception import InterceptionOptions
 from feasigrasp.models.robot import IIWA_7, ParallelGripper
 from feasigrasp.models.shape.gpdf_kernels import newton_step
 from feasigrasp.resources import diagram_path
@@ -34,6 +34,7 @@ from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.monitoring.status_monitor import LASTS
 from feasigrasp_lab.measures.grasps import GRASPABLE
+from feasigrasp_lab.paper.grasp_mixture import LENGTH_PER_RADIAN
 from feasigrasp_lab.protocols.degradations import motion_capture
 from feasigrasp_lab.protocols.speed import SPEEDS, SPINS
 from feasigrasp_lab.runs.plan import FIRST_TEST_SEED, TEST_OBJECTS
@@ -89,9 +90,8 @@ def weights(name):
         return sum(file[key].size for key in file.files if file[key].dtype.kind == "f")
 
 
-ALL, SOON, JOINT = CostWeights(), CostWeights.to_grasp_soon(), CostWeights.for_joint_field()
-CHOICE, GRASP, SAFE, SCENARIO = (
-    ChoiceOptions(),
+HORIZON, PROGRAM, MEETING = HorizonOptions(), ProgramOptions(), InterceptionOptions()
+GRASP, SAFE, SCENARIO = (
     GraspSequenceConfig(),
     fg.SafetyOptions(),
     Scenario(),
@@ -99,7 +99,6 @@ CHOICE, GRASP, SAFE, SCENARIO = (
 REACH, TRACKER = SCENARIO.reachability, TrackerConfig()
 COMPLETE = defaults("feasigrasp.models.shape.completion.complete_shape")
 FIT = defaults("feasigrasp.models.shape.gpdf_fit.fit_gpdf")
-JUDGED = defaults("feasigrasp.models.reach.predicted_reachability.KeepingRule")
 MIXTURE = defaults("feasigrasp.models.mixtures.fit.fit_best_mixture")
 EM = defaults("feasigrasp.models.mixtures.fit.fit_riemannian_mixture")
 REACHABILITY = defaults("feasigrasp.Reachability")
@@ -191,15 +190,9 @@ STATEMENTS = {
             "The hand goes on for {:g} s, then lifts",
             (GRASP.handover_time,),
         ),
-        (
-            "more than {:g} to {:g} s), the joints",
-            (0.5 * value("reference._FAR"), value("reference._FAR")),
-        ),
         ("so {:g} % of the limits are sent", (100 * IIWA_7.acceleration_share,)),
         ("At each of {} surface points", (defaults(GRASP_INPUT)["n_points"],)),
         ("at steps of at most {:.0f}°", (360 / REACHABILITY["n_arm_angles"],)),
-        ("gain = {:g} /s", (defaults(f"{CONTROL}.task.safe_law.TaskControlOptions")["gain"],)),
-        ("k = {:g} /s", (defaults(f"{CONTROL}.joint.law.JointControlOptions")["gain"],)),
         (
             "covariance floors `({:g} rad)²` and `({:g} mm)²`",
             (EM["rotation_floor"], 1e3 * EM["translation_floor"]),
@@ -219,56 +212,51 @@ STATEMENTS = {
         ("{:.0f} % of the moments is used", (percent("payload.MOMENT_SHARE"),)),
         ("Below {:g} % `perceive` reports", (percent("payload.LEAST_PROBABILITY"),)),
         ("scores {:g} times as much", (value("non_maximum_suppression.HYSTERESIS"),)),
-        ("`angle² + (distance / {:g} m)²`", (value("target.LENGTH_PER_RADIAN"),)),
+        ("`angle² + (distance / {:g} m)²`", (LENGTH_PER_RADIAN,)),
         ("chooses 1 to {} components", (MIXTURE["max_components"],)),
+        ("first of {} instants, {:g} s apart", (MEETING.latest + 1, MEETING.step)),
         (
-            "the {} best scores pass, none below {:g} of the best",
-            (JUDGED["n_best"], JUDGED["score_share"]),
+            "within {:g} % of the velocity and {:g} % of the acceleration limits",
+            (100 * MEETING.velocity, 100 * MEETING.acceleration),
         ),
         (
-            "with a pre-grasp pose {:g} cm behind them",
-            (100 * value("predicted_reachability.WAY_IN"),),
-        ),
-        ("| distance | 1 per s at {:g} m |", (ALL.lost,)),
-        ("| score | {:g} per s |", (ALL.score,)),
-        ("| density | {:g} per s |", (ALL.density,)),
-        (
-            "| manipulability | {:g} per s | a singular arm, zero from {:g} m³ |",
-            (ALL.manipulability_cost, ALL.manipulability),
+            "{:g} max(0, {:g} s - duration) + {:g} s max(0, a - {:g}) - {:g} s ln score",
+            (MEETING.lack, MEETING.enough, MEETING.strain, MEETING.easy, MEETING.score),
         ),
         (
-            "| joint limits | {:g} per s | a joint at its limit, zero from {:g} rad |",
-            (ALL.limit_cost, ALL.limit_zone),
+            "The {} grasps of least cost pass; one that passed before is replaced for a gain of "
+            "{:g} s",
+            (value("followable.MOST"), value("followable._KEPT")),
         ),
         (
-            "| terminal cost | {:g} s | a candidate that expires now; zero at {:g} s, or {:g} s if",
-            (ALL.end, ALL.expiry_horizon, SOON.expiry_horizon),
+            "over the next {:g} s, {:g} times per second",
+            (PROGRAM.times[-1], 1 / PROGRAM.steps[0]),
         ),
-        ("| collision | {:g} s |", (ALL.collision,)),
-        ("| no pre-grasp pose | {:g} s |", (SOON.no_corridor,)),
-        ("| joint motion | {:g} per s |", (ALL.motion,)),
+        ("joint velocities at {} knots", (len(PROGRAM.steps),)),
         (
-            "| waiting at a grasp | {:g} per s, {:g} if the hand closes |",
-            (ALL.waiting, SOON.waiting),
+            "{:g} |q_k - q_ref,k|² + |v_k - v_ref,k|² ) + h_k {:g} |a_k - a_ref,k|²",
+            (PROGRAM.joint / 2, PROGRAM.acceleration / 2),
         ),
-        ("Transitions respect {:g} % of the velocity limits", (100 * ALL.follow_share,)),
-        ("straight in joint space, at {:g} %", (100 * ALL.speed_share,)),
+        ("selected for a gain of {:g} s", (HORIZON.switch,)),
         (
-            "is {:g} s for a hand that closes, {:g} s for one that follows",
-            (SOON.times[-1], ALL.times[-1]),
+            "up to {} others within {:g} cm and {:g} rad",
+            (HORIZON.neighbours - 1, *value("law._NEIGHBOUR") * [100, 1]),
         ),
-        ("at its own swivel angle, for {:g} s", (JOINT.times[-1],)),
+        ("with heavy tails (Student's t) and `nu = {:g}`", (PROGRAM.tail,)),
         (
-            "(offset/{:g} m - ln score_i + {:g} (ln p_max - ln p(X_i)) + posture)",
-            (ALL.lost, ALL.density),
+            "|e_p|² / ({:g} m)² + |e_r|² / ({:g} rad)²,   w_m = exp(-{:g} (cost_m".replace(
+                "   ", " "
+            ),
+            (PROGRAM.tail_position, PROGRAM.tail_angle, PROGRAM.worth),
         ),
         (
-            "it changes for a gain of {:g} s, and not within {:g} s",
-            (CHOICE.commitment, CHOICE.hysteresis),
+            "with deviations of {:.1f} mm and {:.3f} rad",
+            (
+                1e3 * PROGRAM.tail_position / np.sqrt(2 * PROGRAM.tail),
+                PROGRAM.tail_angle / np.sqrt(2 * PROGRAM.tail),
+            ),
         ),
-        ("exp((cost_* - cost_i) / {:g} s)", (CHOICE.temperature,)),
-        ("s = {:g} |error of the hand|", (value("target.SHARPNESS"),)),
-        ("faster than {:g} m/s, the arm moves", (value("safe_law._QUICK"),)),
+        ("with `w = ({:g} mrad)^-2`", (1e3 / np.sqrt(PROGRAM.distance),)),
         (
             "clip({:g} x median spacing, {:g}, {:g})",
             (SPACING_RATIO, MIN_LENGTH_SCALE, MAX_LENGTH_SCALE),
@@ -280,7 +268,7 @@ STATEMENTS = {
         ("they press for {:g} s", (GRASP.squeeze_time,)),
         ("compliant, friction {:g}.", (SCENARIO.object.friction,)),
         ("`Paper*` uses {:g} rad/s, `Paper*Fast` {:g} rad/s", (PAPER, FAST)),
-        ("(1 s counts as {:g} rad)", (SolutionOptions().radians_per_second,)),
+        ("(1 s counts as {:g} rad)", (PROGRAM.speed,)),
     ],
     "safety.md": [
         (
@@ -311,7 +299,7 @@ STATEMENTS = {
         ("a grid of {:g} cm", (100 * value("observed_space.SCENE_VOXEL"),)),
         ("earlier views are forgotten once {} later", (value("point_cloud_to_gpdf.OUTVOTING"),)),
         ("accepted after {:g} s of agreeing", (value("pose_filter._JUMP_FOR"),)),
-        ("(at most {:g} cm)", (100 * value("clearance_schedule._MOST"),)),
+        ("(at most {:g} cm)", (100 * value("approach_corridor._MOST"),)),
     ],
     "concepts.md": [
         ("moving object | {:g} Hz |", (1 / SCENARIO.plant_config.time_step,)),
@@ -321,11 +309,11 @@ STATEMENTS = {
             "| {:.0f} Hz, of keyframes; {:g} Hz |",
             (1 / TRACKER.image_period, 1 / SCENARIO.perception.period),
         ),
-        ("and over the horizon | {:g} Hz |", (1 / REACH.period,)),
+        ("on the predicted path | {:g} Hz |", (1 / REACH.period,)),
         ("and next-best view | {:g} Hz |", (1 / REACH.period,)),
         (
             "| {:g} Hz plan, {:g} Hz command |",
-            (1 / REACH.period, 1 / SCENARIO.control.period),
+            (1 / PROGRAM.steps[0], 1 / SCENARIO.control.period),
         ),
         ("within all limits | {:g} Hz |", (1 / SCENARIO.control.period,)),
         ("from sensor data alone | {:g} Hz |", (1 / value("status_monitor.PERIOD"),)),

@@ -73,7 +73,7 @@ class ProgramOptions:
     tail_position: Positive = 0.15
     tail_angle: Positive = 1.0
     worth: NotNegative = 20.0
-    distance: NotNegative = 1e4
+    distance: NotNegative = 4e4
     speed: NotNegative = 1.0
     clearance: NotNegative = 2e4
     joint: NotNegative = 500.0
