@@ -39,7 +39,7 @@ _MOVED: dict[str, dict[str, object]] = {
         "n_solutions": 64,
         "source": "closed_form",
     },
-    "reachability": {"space": "default"},
+    "reachability": {"space": "default", "horizon": 1.0},
 }
 #: What Drake's structs for things drawn from the seed call their numbers: those of one key.
 _DRAWN = ("min", "max", "mean", "stddev", "value", "values")

@@ -232,7 +232,6 @@ class ReachabilityConfig:
         method: ``ik``, exact inverse kinematics; to compare with, ``rmm`` (the paper's density of
             reachable poses), ``both`` (exact on what the density lets through) and ``none``
             (nothing is judged).
-        horizon: A grasp must stay reachable this long, as the object moves now [s].
         symmetric_grasps: Whether a grasp turned by 180 degrees counts as another.
         options: Settings of a method that a package adds (`feasigrasp.plugins`), such as ``space``
             of ``rmm`` and ``both``.
@@ -240,7 +239,6 @@ class ReachabilityConfig:
 
     period: float = key(0.1, 0.001, 10.0, "s")
     method: str = word(EXACT, (EXACT, *plugins("judges")))
-    horizon: float = key(1.0, 0.0, 30.0, "s")
     symmetric_grasps: bool = True
     options: Options = dc.field(default_factory=dict)
 
@@ -257,7 +255,7 @@ class ControlConfig:
             as printed) and ``corrected`` (with our corrections) enforce nothing.
         period: Control period [s].
         planning_time: How late a plan takes effect [s], where the cell is simulated; less than
-            ``reachability.period``. The safety filter waits for no plan. For ``safe`` mode.
+            the time between plans, 0.02 s. The safety filter waits for no plan. For ``safe`` mode.
         speed: Share of the arm's velocity limits that may be used, in (0, 1]; nothing exceeds it,
             plans reckon with it, and lift and shaking take as much longer. Accelerations, and
             with them braking, keep their limits. For ``safe`` mode; on hardware 0.25 by default.

@@ -203,7 +203,7 @@ class GraspController(LeafSystem):
         self._memory = PeriodicState(self, memory, period, self._updated)
         self._in_effect = ObjectState(self, memory)
         self._planning_time = 0.0
-        self._search_pose = PeriodicState(self, None, period, self._search)
+        self._search_pose = PeriodicState(self, None, ReachabilityConfig.period, self._search)
         self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, weakly(self._calc))
         self.DeclareVectorOutputPort(
             "chosen_grasp", 16, weakly(self._calc_chosen), self.memory_tickets
@@ -252,7 +252,7 @@ class GraspController(LeafSystem):
         if not planning_time < self.period:
             raise ControlError(
                 f"control.planning_time is {planning_time:g} s; give less than {self.period:g} s, "
-                "the time between updates, reachability.period"
+                "the time between its updates"
             )
         self._planning_time = planning_time
         if planning_time > 0.0:

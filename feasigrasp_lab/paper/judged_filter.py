@@ -34,7 +34,7 @@ def make_judged_filter(scenario: Scenario, judge: Judge) -> JudgedFilter:
     config = scenario.reachability
     return JudgedFilter(
         judge,
-        horizon=config.horizon,
+        horizon=float(config.options.get("horizon", 1.0)),
         symmetric_grasps=config.symmetric_grasps,
         way_in=WAY_IN if scenario.control.safe else 0.0,
         period=config.period,

@@ -9,7 +9,7 @@ choice:
   way, since the arm follows a tick late.
 - The gain of the distance in joint space: 1, as the formula is printed.
 - ``n_solutions``: the paper's "typically around 100".
-- ``reachability.horizon``: none, since the paper does not look ahead.
+- ``horizon`` of ``reachability.options``: none, since the paper does not look ahead.
 """
 
 from __future__ import annotations
@@ -88,9 +88,8 @@ PAPER = PaperMode(
         "perception.sampler": "paper",
         "perception.views": 1,
         "reachability.method": "rmm",
-        "reachability.horizon": 0.0,
         "reachability.symmetric_grasps": False,
-        "reachability.options": {"space": "paper"},
+        "reachability.options": {"space": "paper", "horizon": 0.0},
         "control.options": {
             "law": Law.GRADIENT.value,
             "feed_forward": False,

@@ -35,7 +35,6 @@ BAD = {
     "tracker.latency": ("-0.1", ".nan", "1000"),
     "tracker.period": ("1e-9", "100", "true", "null"),
     "tracker.seed": ("-1", "1.5"),
-    "reachability.horizon": ("-1", ".nan", "1e6"),
     "reachability.period": ("1e-9", "1000"),
     "scene.margin": ("-0.5", ".nan", "3"),
     "scene.resolution": ("5",),

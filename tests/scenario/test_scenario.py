@@ -166,7 +166,7 @@ def test_what_is_written_reads_the_same(name):
 
 def test_every_default_is_written():
     text = dump_scenario(Scenario())
-    for key in ("simulation_duration: 30.0", "friction: 0.6", "time_step: 0.0025", "horizon: 1.0"):
+    for key in ("simulation_duration: 30.0", "friction: 0.6", "time_step: 0.0025"):
         assert key in text
 
 

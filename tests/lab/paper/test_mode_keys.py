@@ -50,8 +50,11 @@ def test_paper_is_the_papers():
     perception, reachability = scenario.perception, scenario.reachability
     assert (perception.preset, perception.sampler) == ("paper", "paper")
     assert (perception.views, perception.latency) == (1, 0.0)
-    assert (reachability.method, reachability.options) == ("rmm", {"space": "paper"})
-    assert (reachability.symmetric_grasps, reachability.horizon) == (False, 0.0)
+    assert (reachability.method, reachability.options) == (
+        "rmm",
+        {"space": "paper", "horizon": 0.0},
+    )
+    assert (reachability.symmetric_grasps, reachability.options["horizon"]) == (False, 0.0)
 
 
 def test_a_key_that_is_given_wins():
