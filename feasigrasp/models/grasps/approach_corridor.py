@@ -29,8 +29,6 @@ class ApproachCorridor(NamedTuple):
         closing_tolerance: Error along the closing direction without standoff [m].
         width_tolerance: Error along the width of the fingers without standoff [m].
         angular_tolerance: Angle error without standoff [rad].
-        closing_axis_share: What a turn about the closing direction counts as an angle error: the
-            fingers stay beside the object, and only the palm goes round it.
         min_standoff: Distance that is kept behind even where the hand has lined up [m].
     """
 
@@ -40,7 +38,6 @@ class ApproachCorridor(NamedTuple):
     closing_tolerance: float = 0.008
     width_tolerance: float = 0.015
     angular_tolerance: float = 0.2
-    closing_axis_share: float = 1.0
     min_standoff: float = 0.0
 
     @property
@@ -60,19 +57,6 @@ def _angle_between(X_OA, X_OB):
 
 
 @compiled
-def _closing_axis_factor(X_OA, X_OB, share):
-    """By what the angle between poses shrinks if its part about the x-axis of A counts less."""
-    x = y = z = 0.0
-    for i in range(3):
-        x += X_OA[i, 2] * X_OB[i, 1] - X_OA[i, 1] * X_OB[i, 2]
-        y += X_OA[i, 0] * X_OB[i, 2] - X_OA[i, 2] * X_OB[i, 0]
-        z += X_OA[i, 1] * X_OB[i, 0] - X_OA[i, 0] * X_OB[i, 1]
-    across = y * y + z * z
-    total = x * x + across
-    return np.sqrt((share * share * x * x + across) / total) if total > 1e-12 else 1.0
-
-
-@compiled
 def standoff_kernel(X_OG, X_OH, corridor):
     """Pre-grasp distance of hand H behind grasp G along its approach direction [m]."""
     px = py = 0.0
@@ -82,10 +66,7 @@ def standoff_kernel(X_OG, X_OH, corridor):
         py += X_OG[i, 1] * d
     x = max(0.0, abs(px) - corridor.closing_tolerance)
     y = max(0.0, abs(py) - corridor.width_tolerance)
-    angle = _angle_between(X_OG, X_OH)
-    if corridor.closing_axis_share != 1.0:
-        angle *= _closing_axis_factor(X_OG, X_OH, corridor.closing_axis_share)
-    angle = max(0.0, angle - corridor.angular_tolerance)
+    angle = max(0.0, _angle_between(X_OG, X_OH) - corridor.angular_tolerance)
     standoff = corridor.lateral_gain * np.hypot(x, y) + corridor.angular_gain * angle
     return max(corridor.min_standoff, min(corridor.max_standoff, standoff))
 

@@ -15,6 +15,7 @@ from feasigrasp.models.ik.self_motion import (
     self_motion_kernel,
 )
 from feasigrasp.models.numerics.fast_math import fast_sincos
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Number of steps that shorten the way back from a grasp until no limit is in the way. Source:
 #: numerical.
@@ -64,7 +65,7 @@ def solve_kernel(X_WF, branch, psi, q):
 
 
 @compiled
-def stand_behind_kernel(X_OG, standoff, X_WO, X_GF, branch, psi, margin, X_WF, q):
+def stand_behind_kernel(X_OG, standoff, X_WO, X_GF, branch, psi, X_WF, q):
     """Writes flange pose (4, 4) and configuration (7,) of a hand behind a grasp.
 
     It stands back by the standoff [m], or by less where a joint limit does not allow more. Returns
@@ -75,6 +76,6 @@ def stand_behind_kernel(X_OG, standoff, X_WO, X_GF, branch, psi, margin, X_WF, q
         back = standoff * (1.0 - step / _BACKS)
         flange_pose_kernel(X_WO, X_OG, back, X_GF, X_WF)
         reached = solve_kernel(X_WF, branch, psi, q)
-        if reached and inside_limits_kernel(q, margin):
+        if reached and inside_limits_kernel(q, IIWA_7.position_margin):
             break
     return back, reached

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +54,12 @@ from feasigrasp.models.quantities import (
     PositiveShare,
     Whole,
 )
-from feasigrasp.models.reach.kernels import REACHABLE, hand_verdict_kernel, make_scratch
+from feasigrasp.models.reach.kernels import (
+    REACHABLE,
+    Search,
+    hand_verdict_kernel,
+    make_scratch,
+)
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -231,15 +236,32 @@ def find_interceptions(
         np.full(n, -1),
         np.zeros(n),
     )
-    _interceptions_kernel(
-        *(np.array(X_OG, dtype=float), np.array(now.future(times), dtype=float)),
-        *(np.array(now.q, dtype=float), np.array(now.v, dtype=float), float(times[0])),
-        *((-1, 0.0) if present is None else present),
-        *(se3.inverse(reachability.gripper.X_FG), reachability.search, options.record),
-        *(found.cost, found.arrival, found.q, found.v, found.branch, found.psi),
+    ahead = _Ahead(
+        np.array(now.future(times), dtype=float),
+        float(times[0]),
+        np.array(now.q, dtype=float),
+        np.array(now.v, dtype=float),
+        se3.inverse(reachability.gripper.X_FG),
+        reachability.search,
+        options.record,
     )
+    arrays = found.cost, found.arrival, found.q, found.v, found.branch, found.psi
+    bound = (-1, 0.0) if present is None else present
+    _interceptions_kernel(ahead, np.array(X_OG, dtype=float), *bound, arrays)
     worth = options.score * np.log(np.clip(score, _LEAST_SCORE, 1.0))
     return replace(found, cost=found.cost - worth)
+
+
+class _Ahead(NamedTuple):
+    """Poses (k, 4, 4) of the object, the first in ``start`` [s]; arm, hand, limits and options."""
+
+    X_WO: Array
+    start: float
+    q: Array
+    v: Array
+    X_GF: Array
+    search: Search
+    options: NDArray[np.void]
 
 
 @compiled
@@ -268,15 +290,15 @@ def _is_admissible(q, search):
 
 
 @compiled
-def _follow_kernel(k, X_OG, X_WO, q, branch, psi, X_GF, search, o, v):
+def _follow_kernel(ahead, k, X_OG, q, branch, psi, v):
     """Follows a grasp from instant k on; writes the first velocity into v (7,).
 
     Returns the number of steps, and the largest share of the acceleration limits.
     """
-    X_WF, before, after = np.empty((4, 4)), q.copy(), np.empty(IIWA_7.joints)
+    o, X_WF, before, after = ahead.options[0], np.empty((4, 4)), q.copy(), np.empty(IIWA_7.joints)
     v_before, hardest, end = np.zeros(IIWA_7.joints), 0.0, k + int(o.enough / o.step)
-    for m in range(k + 1, len(X_WO)):
-        flange_pose_kernel(X_WO[m], X_OG, 0.0, X_GF, X_WF)
+    for m in range(k + 1, len(ahead.X_WO)):
+        flange_pose_kernel(ahead.X_WO[m], X_OG, 0.0, ahead.X_GF, X_WF)
         if not solve_kernel(X_WF, branch, psi, after):
             return m - k - 1, hardest
         for j in range(IIWA_7.joints):
@@ -288,28 +310,30 @@ def _follow_kernel(k, X_OG, X_WO, q, branch, psi, X_GF, search, o, v):
             if k + 1 < m <= end:
                 hardest = max(hardest, share)
             v_before[j] = speed
-        if not _is_admissible(after, search):
+        if not _is_admissible(after, ahead.search):
             return m - k - 1, hardest
         if m == k + 1:
             v[:] = v_before
         before[:] = after
-    return len(X_WO) - 1 - k, hardest
+    return len(ahead.X_WO) - 1 - k, hardest
 
 
 @compiled
-def _cost_kernel(k, due, X_OG, X_WO, q, v, there, branch, psi, X_GF, search, o, v_there):
-    """Cost of an interception at instant k, ``due`` [s] from now, in a configuration (7,).
+def _cost_kernel(ahead, k, X_OG, there, branch, psi, v_there):
+    """Cost of an interception at instant k in a configuration (7,).
 
     It is infinite if the arm is not there in time, collides there, or cannot stand back.
     """
-    if not _is_admissible(there, search):
+    o = ahead.options[0]
+    due = ahead.start + o.step * k
+    if not _is_admissible(there, ahead.search):
         return np.inf
-    steps, hardest = _follow_kernel(k, X_OG, X_WO, there, branch, psi, X_GF, search, o, v_there)
+    steps, hardest = _follow_kernel(ahead, k, X_OG, there, branch, psi, v_there)
     if steps == 0:
         return np.inf
     for j in range(IIWA_7.joints):
         least = least_time_kernel(
-            *(there[j] - q[j], v[j], v_there[j]),
+            *(there[j] - ahead.q[j], ahead.v[j], v_there[j]),
             *(
                 o.velocity * IIWA_7.velocity_limits[j],
                 o.acceleration * IIWA_7.acceleration_limits[j],
@@ -318,43 +342,29 @@ def _cost_kernel(k, due, X_OG, X_WO, q, v, there, branch, psi, X_GF, search, o, 
         if least > due + _IN_TIME:
             return np.inf
     X_WF, behind = np.empty((4, 4)), np.empty(IIWA_7.joints)
-    flange_pose_kernel(X_WO[k], X_OG, o.way_in, X_GF, X_WF)
+    flange_pose_kernel(ahead.X_WO[k], X_OG, o.way_in, ahead.X_GF, X_WF)
     if not solve_kernel(X_WF, branch, psi, behind):
         return np.inf
-    if not inside_limits_kernel(behind, search.limit_margin):
+    if not inside_limits_kernel(behind, ahead.search.limit_margin):
         return np.inf
     lack = max(0.0, o.enough - o.step * steps)
     return due + o.lack * lack + o.strain * max(0.0, hardest - o.easy)
 
 
 @compiled
-def _interceptions_kernel(
-    X_OG,
-    X_WO,
-    q,
-    v,
-    start,
-    present_branch,
-    present_psi,
-    X_GF,
-    search,
-    options,
-    cost,
-    arrival,
-    q_there,
-    v_there,
-    branches,
-    psis,
-):
-    o, scratch = options[0], make_scratch(search, q)
-    X_WF, there, velocity = np.empty((4, 4)), np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
+def _interceptions_kernel(ahead, X_OG, present_branch, present_psi, found):
+    """Writes the fields of `Interceptions` of all grasps; a branch below 0 binds none of them."""
+    o, q, search = ahead.options[0], ahead.q, ahead.search
+    cost, arrival, q_there, v_there, branches, psis = found
+    scratch, X_WF = make_scratch(search, q), np.empty((4, 4))
+    there, velocity = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
     for i in range(len(X_OG)):
         bound = present_branch >= 0 and i == len(X_OG) - 1
         for k in range(int(o.latest) + 1):
-            due = start + o.step * k
+            due = ahead.start + o.step * k
             if due >= cost[i]:
                 break
-            flange_pose_kernel(X_WO[k], X_OG[i], 0.0, X_GF, X_WF)
+            flange_pose_kernel(ahead.X_WO[k], X_OG[i], 0.0, ahead.X_GF, X_WF)
             circle = self_motion_kernel(X_WF)
             if not circle.reached:
                 continue
@@ -372,9 +382,7 @@ def _interceptions_kernel(
                         break
                     there[:] = scratch.q
                     branch, psi = branch_kernel(there), arm_angle_kernel(there)
-                one = _cost_kernel(
-                    *(k, due, X_OG[i], X_WO, q, v, there, branch, psi, X_GF, search, o, velocity),
-                )
+                one = _cost_kernel(ahead, k, X_OG[i], there, branch, psi, velocity)
                 if one < cost[i]:
                     cost[i], arrival[i], branches[i], psis[i] = one, due, branch, psi
                     q_there[i], v_there[i] = there, velocity

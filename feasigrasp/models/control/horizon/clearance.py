@@ -6,6 +6,8 @@ pose, cost the square of what is missing (a hinge, as in CHOMP: Zucker et al., I
     c(q) = w / 2 sum_i max(0, clearance - distance(p_i(q)))^2
 """
 
+import numpy as np
+
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.obstacle_grid import grid_kernel
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel
@@ -14,37 +16,37 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 @compiled
-def clearance_kernel(
-    X_WH, J_WH, X_WO, X_OG, points, values, frame, clearance, corridor, weight, H, g
-):
-    """Adds the quadratic forms of all knots to Hessians H (N, 7, 7) and gradients g (N, 7).
+def clearance_kernel(knots, grasps, surface, corridor, weight, form):
+    """Adds the quadratic forms of all knots, with the weight w [1/m^2].
 
-    ``X_WH`` (N, 4, 4) and ``J_WH`` (N, 6, 7) are the hand's poses and Jacobians, ``X_WO``
-    (N, 4, 4) the object's poses, ``X_OG`` (M, 4, 4) the grasps, ``points`` (k, 3) those of the
-    hand, in H; ``values`` and ``frame`` of the object's `ObstacleGrid`. The clearance [m] is the
-    larger the less the hand is lined up.
+    The clearance is the larger the less the hand is lined up with one of the grasps.
     """
-    n = IIWA_7.joints
-    for k in range(len(X_WH)):
-        X_OH = compose_kernel(inverse_kernel(X_WO[k]), X_WH[k])
-        least = clearance + extra_clearance_kernel(X_OG, X_OH, corridor)
-        for i in range(len(points)):
-            x, y, z = points[i]
+    row = np.empty(IIWA_7.joints)
+    for k in range(len(knots.q)):
+        X_WH, H, g = knots.X_WH[k], form.H[k], form.g[k]
+        X_OH = compose_kernel(inverse_kernel(knots.X_WO[k]), X_WH)
+        least = surface.clearance + extra_clearance_kernel(grasps.X_OG, X_OH, corridor)
+        for i in range(len(surface.hand)):
+            x, y, z = surface.hand[i]
             p_O = (
                 X_OH[0, 0] * x + X_OH[0, 1] * y + X_OH[0, 2] * z + X_OH[0, 3],
                 X_OH[1, 0] * x + X_OH[1, 1] * y + X_OH[1, 2] * z + X_OH[1, 3],
                 X_OH[2, 0] * x + X_OH[2, 1] * y + X_OH[2, 2] * z + X_OH[2, 3],
             )
-            distance, slope = grid_kernel(p_O, values, frame)
+            distance, slope = grid_kernel(p_O, surface.values, surface.frame)
             missing = least - distance
             if missing <= 0.0:
                 continue
-            _add(X_WH[k], J_WH[k], X_WO[k], (x, y, z), slope, missing, weight, n, H[k], g[k])
+            _slope_kernel(X_WH, knots.J_WH[k], knots.X_WO[k], (x, y, z), slope, row)
+            for a in range(IIWA_7.joints):
+                g[a] -= weight * missing * row[a]
+                for b in range(IIWA_7.joints):
+                    H[a, b] += weight * row[a] * row[b]
 
 
 @compiled(forceinline=True)
-def _add(X_WH, J_WH, X_WO, p_H, slope_O, missing, weight, n, H, g):
-    """Adds the form of one point, with the slope of the distance in O."""
+def _slope_kernel(X_WH, J_WH, X_WO, p_H, slope_O, row):
+    """Writes the slope (7,) of the distance at a point of the hand, by the joints [m/rad]."""
     s0 = X_WO[0, 0] * slope_O[0] + X_WO[0, 1] * slope_O[1] + X_WO[0, 2] * slope_O[2]
     s1 = X_WO[1, 0] * slope_O[0] + X_WO[1, 1] * slope_O[1] + X_WO[1, 2] * slope_O[2]
     s2 = X_WO[2, 0] * slope_O[0] + X_WO[2, 1] * slope_O[1] + X_WO[2, 2] * slope_O[2]
@@ -52,11 +54,6 @@ def _add(X_WH, J_WH, X_WO, p_H, slope_O, missing, weight, n, H, g):
     r1 = X_WH[1, 0] * p_H[0] + X_WH[1, 1] * p_H[1] + X_WH[1, 2] * p_H[2]
     r2 = X_WH[2, 0] * p_H[0] + X_WH[2, 1] * p_H[1] + X_WH[2, 2] * p_H[2]
     m0, m1, m2 = r1 * s2 - r2 * s1, r2 * s0 - r0 * s2, r0 * s1 - r1 * s0
-    for a in range(n):
-        row_a = m0 * J_WH[0, a] + m1 * J_WH[1, a] + m2 * J_WH[2, a]
-        row_a += s0 * J_WH[3, a] + s1 * J_WH[4, a] + s2 * J_WH[5, a]
-        g[a] -= weight * missing * row_a
-        for b in range(n):
-            row_b = m0 * J_WH[0, b] + m1 * J_WH[1, b] + m2 * J_WH[2, b]
-            row_b += s0 * J_WH[3, b] + s1 * J_WH[4, b] + s2 * J_WH[5, b]
-            H[a, b] += weight * row_a * row_b
+    for j in range(IIWA_7.joints):
+        row[j] = m0 * J_WH[0, j] + m1 * J_WH[1, j] + m2 * J_WH[2, j]
+        row[j] += s0 * J_WH[3, j] + s1 * J_WH[4, j] + s2 * J_WH[5, j]

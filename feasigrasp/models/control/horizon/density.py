@@ -21,29 +21,29 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 @compiled
-def density_kernel(X_WH, J_WH, X_WO, X_OG, penalty, share, corridor, options, H, g):
-    """Adds the quadratic forms of all knots to Hessians H (N, 7, 7) and gradients g (N, 7).
+def density_kernel(knots, grasps, corridor, X_GF, options, form):
+    """Adds the quadratic forms of all knots; ``options`` are those of the program.
 
-    ``X_WH`` (N, 4, 4) and ``J_WH`` (N, 6, 7) are the hand's poses and Jacobians, ``X_WO``
-    (N, 4, 4) the object's poses, ``X_OG`` (M, 4, 4) the grasps and ``penalty`` (M,) minus the
-    logarithms of their weights; ``share`` (N,) of the standoff is kept.
+    The weight of a grasp is ``exp(-worth penalty)``. ``X_GF`` is not needed: it is there for the
+    distance field.
     """
-    o, n = options[0], IIWA_7.joints
+    o, n, X_OG = options[0], IIWA_7.joints, grasps.X_OG
     W, X_OT, e = np.empty(6), np.empty((4, 4)), np.empty((len(X_OG), 6))
     W[:3], W[3:] = 2.0 * o.tail / o.tail_angle**2, 2.0 * o.tail / o.tail_position**2
     log_p, reweighted, mean = np.empty(len(X_OG)), np.empty(len(X_OG)), np.empty(6)
-    for k in range(len(X_WH)):
-        X_OH = compose_kernel(inverse_kernel(X_WO[k]), X_WH[k])
+    for k in range(len(knots.q)):
+        X_WH, J_WH, H, g = knots.X_WH[k], knots.J_WH[k], form.H[k], form.g[k]
+        X_OH = compose_kernel(inverse_kernel(knots.X_WO[k]), X_WH)
         for m in range(len(X_OG)):
-            back = share[k] * standoff_kernel(X_OG[m], X_OH, corridor)
+            back = knots.share[k] * standoff_kernel(X_OG[m], X_OH, corridor)
             X_OT[:] = X_OG[m]
             for i in range(3):
                 X_OT[i, 3] -= back * X_OG[m, i, 2]
-            X_WT = compose_kernel(X_WO[k], X_OT)
-            e[m, :3] = so3_log_kernel(compose_kernel(X_WH[k], inverse_kernel(X_WT))[:3, :3])
-            e[m, 3:] = X_WH[k, :3, 3] - X_WT[:3, 3]
+            X_WT = compose_kernel(knots.X_WO[k], X_OT)
+            e[m, :3] = so3_log_kernel(compose_kernel(X_WH, inverse_kernel(X_WT))[:3, :3])
+            e[m, 3:] = X_WH[:3, 3] - X_WT[:3, 3]
             d = np.sum(e[m, :3] ** 2) / o.tail_angle**2 + np.sum(e[m, 3:] ** 2) / o.tail_position**2
-            log_p[m] = -penalty[m] - o.tail * np.log1p(d)
+            log_p[m] = -o.worth * grasps.penalty[m] - o.tail * np.log1p(d)
             reweighted[m] = 1.0 / (1.0 + d)
         responsibility = np.exp(log_p - np.max(log_p))
         responsibility /= np.sum(responsibility)
@@ -54,6 +54,6 @@ def density_kernel(X_WH, J_WH, X_WO, X_OG, penalty, share, corridor, options, H,
             mean += responsibility[m] * reweighted[m] * e[m]
         for j in range(n):
             for a in range(6):
-                g[k, j] += J_WH[k, a, j] * W[a] * mean[a]
+                g[j] += J_WH[a, j] * W[a] * mean[a]
                 for i in range(n):
-                    H[k, j, i] += J_WH[k, a, j] * W[a] * total * J_WH[k, a, i]
+                    H[j, i] += J_WH[a, j] * W[a] * total * J_WH[a, i]

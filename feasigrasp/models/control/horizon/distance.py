@@ -24,25 +24,22 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 @compiled
-def distance_kernel(Q, X_WH, X_WO, X_OG, branch, psi, penalty, share, corridor, X_GF, weight, H, g):
-    """Adds the quadratic forms of all knots to Hessians H (N, 7, 7) and gradients g (N, 7).
+def distance_kernel(knots, grasps, corridor, X_GF, options, form):
+    """Adds the quadratic forms of all knots; ``options`` are those of the program.
 
-    ``Q`` (N, 7) and ``X_WH`` (N, 4, 4) are the plan's positions and hand poses, ``X_WO``
-    (N, 4, 4) the object's poses, ``X_OG`` (M, 4, 4) the grasps with branches, arm angles [rad] and
-    penalties (M,) [rad]; ``share`` (N,) of the standoff is kept. A knot at which no grasp has a
-    solution adds nothing.
+    A solution costs ``speed penalty`` [rad]. A knot at which no grasp has a solution adds nothing.
     """
-    n, count = IIWA_7.joints, len(X_OG)
+    o, n, count = options[0], IIWA_7.joints, len(grasps.X_OG)
     X_WF, found, cost = np.empty((4, 4)), np.empty((count, n)), np.empty(count)
     gradient, part = np.empty(n), np.empty(count)
-    for k in range(len(Q)):
-        X_OH, m = compose_kernel(inverse_kernel(X_WO[k]), X_WH[k]), 0
+    for k in range(len(knots.q)):
+        X_OH, m = compose_kernel(inverse_kernel(knots.X_WO[k]), knots.X_WH[k]), 0
         for i in range(count):
-            back = share[k] * standoff_kernel(X_OG[i], X_OH, corridor)
-            flange_pose_kernel(X_WO[k], X_OG[i], back, X_GF, X_WF)
-            reached = solve_kernel(X_WF, branch[i], psi[i], found[m])
+            back = knots.share[k] * standoff_kernel(grasps.X_OG[i], X_OH, corridor)
+            flange_pose_kernel(knots.X_WO[k], grasps.X_OG[i], back, X_GF, X_WF)
+            reached = solve_kernel(X_WF, grasps.branch[i], grasps.psi[i], found[m])
             if reached and inside_limits_kernel(found[m], IIWA_7.position_margin):
-                cost[m] = penalty[i]
+                cost[m] = o.speed * grasps.penalty[i]
                 m += 1
         if m == 0:
             continue
@@ -50,7 +47,7 @@ def distance_kernel(Q, X_WH, X_WO, X_OG, branch, psi, penalty, share, corridor, 
         distances_kernel(nodes, r)
         length_scale = length_scale_kernel(r)
         fit_kernel(r, cost[:m], length_scale, NOISE_VARIANCE, lowest, beta)
-        _, left = evaluate_kernel(Q[k], nodes, lowest, beta, length_scale, gradient, part[:m])
+        _, left = evaluate_kernel(knots.q[k], nodes, lowest, beta, length_scale, gradient, part[:m])
         for j in range(n):
-            g[k, j] += weight * max(left, 0.0) * gradient[j]
-            H[k, j, j] += weight
+            form.g[k, j] += o.distance * max(left, 0.0) * gradient[j]
+            form.H[k, j, j] += o.distance

@@ -23,10 +23,12 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.horizon.clearance import clearance_kernel
 from feasigrasp.models.control.horizon.density import density_kernel
 from feasigrasp.models.control.horizon.distance import distance_kernel
+from feasigrasp.models.control.horizon.knots import Form, Knots, Meeting, Neighbours, Surface
 from feasigrasp.models.control.horizon.program import ProgramOptions, positions, solve_program
 from feasigrasp.models.control.horizon.reference import INSTANT, reference_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
+from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.continuation import branch_kernel
@@ -52,6 +54,7 @@ _SAME_GRASP = np.array([0.012, 0.25])
 _NEIGHBOUR, _SAME_ARM = np.array([0.05, 0.6]), 0.6
 
 
+_N = IIWA_7.joints
 #: No object to keep off.
 _NO_SURFACE = ObstacleGrid(np.zeros((0, 0, 0), dtype=np.float32), np.zeros(5))
 
@@ -169,25 +172,36 @@ def next_plan(
     if plan.X_OG is None:
         return plan
     program, n = options.program, len(options.program.steps)
-    times = program.times[1:]
-    X_WO, after = now.future(np.concatenate([times, times + INSTANT])).reshape(2, n, 4, 4)
-    v = _shifted(before, now, program)
-    H, g = np.empty((n, IIWA_7.joints, IIWA_7.joints)), np.empty((n, IIWA_7.joints))
-    v_ref = np.empty((n, IIWA_7.joints))
-    X_FG, grid = reachability.gripper.X_FG, surface or _NO_SURFACE
-    _cost_kernel(
-        *(positions(now.q, v, program), times, np.array(X_WO), np.array(after)),
-        *(np.array(plan.grasps), np.array(plan.branch), np.array(plan.psi)),
-        *(np.array(plan.penalty), space == ControlSpace.TASK),
-        *(np.array(now.q), np.array(now.v), plan.arrival - now.time),
-        *(np.array(plan.q), np.array(plan.v_arrival), options.corridor.parameters),
-        *(X_FG, se3.inverse(X_FG), _open_hand(reachability.gripper), grid.values, grid.frame),
-        *(program.safety.object_clearance, program.record, H, g, v_ref),
+    v, X_FG = _shifted(before, now, program), reachability.gripper.X_FG
+    knots = _knots(now, v, program)
+    found = Neighbours(
+        np.array(plan.grasps), np.array(plan.branch), np.array(plan.psi), np.array(plan.penalty)
     )
-    solved = solve_program(now.q, v, H, g, v_ref, program)
+    meeting = Meeting(
+        *(np.array(now.q), np.array(now.v), plan.arrival - now.time),
+        *(np.array(plan.q), np.array(plan.v_arrival)),
+    )
+    form = Form(np.empty((n, _N, _N)), np.empty((n, _N)), np.empty((n, _N)))
+    grid, clearance = surface or _NO_SURFACE, program.safety.object_clearance
+    kept_off = Surface(_open_hand(reachability.gripper), grid.values, grid.frame, clearance)
+    corridor = options.corridor.parameters
+    _shared_kernel(knots, found, meeting, kept_off, corridor, X_FG, program.record, form)
+    add = density_kernel if space == ControlSpace.TASK else distance_kernel
+    add(knots, found, corridor, se3.inverse(X_FG), program.record, form)
+    solved = solve_program(now.q, v, form, program)
     if solved is None:  # brake
         solved = v[0] * np.linspace(1.0, 0.0, n + 1)[:, None]
     return replace(plan, v=solved)
+
+
+def _knots(now: Situation, v: Array, program: ProgramOptions) -> Knots:
+    """The plan with velocities (N + 1, 7) [rad/s] at its knots; poses of the hand are left open."""
+    times, n = program.times[1:], len(program.steps)
+    X_WO, after = now.future(np.concatenate([times, times + INSTANT])).reshape(2, n, 4, 4)
+    return Knots(
+        *(times, positions(now.q, v, program), np.empty((n, 4, 4)), np.empty((n, 6, _N))),
+        *(np.array(X_WO), np.array(after), np.empty(n)),
+    )
 
 
 @lru_cache(maxsize=8)
@@ -197,60 +211,20 @@ def _open_hand(gripper: ParallelGripper) -> Array:
 
 
 @compiled
-def _cost_kernel(
-    Q,
-    times,
-    X_WO,
-    X_WO_after,
-    X_OG,
-    branch,
-    psi,
-    penalty,
-    in_task_space,
-    q,
-    v,
-    left,
-    q_there,
-    v_there,
-    corridor,
-    X_FG,
-    X_GF,
-    hand,
-    values,
-    frame,
-    clearance,
-    options,
-    H,
-    g,
-    v_ref,
-):
-    """Writes Hessians H (N, 7, 7), gradients g (N, 7) and velocities of the reference (N, 7)."""
-    o, n, count = options[0], IIWA_7.joints, len(Q)
-    X_WH, J_WH = np.empty((count, 4, 4)), np.empty((count, 6, n))
+def _shared_kernel(knots, grasps, meeting, surface, corridor, X_FG, options, form):
+    """Writes what both spaces share: the distance to the reference, and the object's clearance."""
+    o, n, count = options[0], IIWA_7.joints, len(knots.q)
     for k in range(count):
-        pose_jacobian_kernel(Q[k], X_FG, X_WH[k], J_WH[k])
-    q_ref, share = np.empty((count, n)), np.empty(count)
-    reference_kernel(
-        *(X_WH, times, X_WO, X_WO_after, X_OG[0], branch[0], psi[0], q, v, left, q_there, v_there),
-        *(corridor, X_GF, o.near, q_ref, v_ref, share),
-    )
+        pose_jacobian_kernel(knots.q[k], X_FG, knots.X_WH[k], knots.J_WH[k])
+    q_ref, X_GF = np.empty((count, n)), inverse_kernel(X_FG)
+    reference_kernel(knots, grasps, meeting, corridor, X_GF, o.near, q_ref, form.v_ref)
     for k in range(count):
         for j in range(n):
-            g[k, j] = o.joint * (Q[k, j] - q_ref[k, j])
+            form.g[k, j] = o.joint * (knots.q[k, j] - q_ref[k, j])
             for i in range(n):
-                H[k, j, i] = o.joint if i == j else 0.0
-    if in_task_space:
-        density_kernel(X_WH, J_WH, X_WO, X_OG, o.worth * penalty, share, corridor, options, H, g)
-    else:
-        distance_kernel(
-            *(Q, X_WH, X_WO, X_OG, branch, psi, o.speed * penalty, share, corridor, X_GF),
-            *(o.distance, H, g),
-        )
-    if values.size > 0:
-        clearance_kernel(
-            *(X_WH, J_WH, X_WO, X_OG, hand, values, frame, clearance, corridor),
-            *(o.clearance, H, g),
-        )
+                form.H[k, j, i] = o.joint if i == j else 0.0
+    if surface.values.size > 0:
+        clearance_kernel(knots, grasps, surface, corridor, o.clearance, form)
 
 
 def plan_velocity(plan: HorizonPlan, time: float, options: ProgramOptions) -> Array:

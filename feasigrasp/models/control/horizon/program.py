@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import daqp
 import numpy as np
@@ -27,6 +28,7 @@ from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array, record
 from feasigrasp.models.compiled import compiled
+from feasigrasp.models.control.horizon.knots import Form
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -133,35 +135,48 @@ def positions(q: Array, v: Array, options: ProgramOptions) -> Array:
     return np.asarray(q + np.cumsum(0.5 * options.h[:, None] * (v[:-1] + v[1:]), axis=0))
 
 
-def solve_program(
-    q: Array, v: Array, H: Array, g: Array, v_ref: Array, options: ProgramOptions
-) -> Array | None:
+class _Steps(NamedTuple):
+    """Times between the knots h [s], coefficients c, and the time that each counts, shape (N,)."""
+
+    h: Array
+    c: Array
+    share: Array
+
+
+class _Limits(NamedTuple):
+    """Limits of position, velocity and acceleration, shape (7,), and gains of the safety filter."""
+
+    q: Array
+    v: Array
+    a: Array
+    approach_gain: float
+    speed_gain: float
+
+
+def solve_program(q: Array, v: Array, form: Form, options: ProgramOptions) -> Array | None:
     """Velocities (N + 1, 7) [rad/s] of the plan; None without a solution.
 
     Args:
         q: Joint positions now [rad], shape (7,).
         v: Velocities of the plan about which the cost is quadratic, shape (N + 1, 7) [rad/s], the
             first those of the arm.
-        H: Hessians of the cost in the positions, shape (N, 7, 7).
-        g: Its gradients, shape (N, 7).
-        v_ref: Velocities of the reference, shape (N, 7) [rad/s].
+        form: Cost in the positions at the knots, and the reference's velocities.
         options: Knots, weights and limits.
     """
     h, safety = options.h, options.safety
-    a_ref = np.diff(v_ref, axis=0) / h[1:, None]
-    a_ref = np.clip(np.concatenate([a_ref[:1], a_ref]), -options.most_a, options.most_a)
     share = h.copy()
     share[-1] += options.terminal
+    steps = _Steps(h, options.trapezoid, share)
     most_q = np.array(IIWA_7.position_limits) - safety.position_margin
+    limits = _Limits(
+        most_q, options.most_v, options.most_a, safety.approach_gain, safety.speed_gain
+    )
     near = np.abs(positions(q, v, options)) > most_q - _NEAR_LIMIT
     n, m = _N * len(h), int(near.sum())
     big, f, rows = np.zeros((n, n)), np.zeros(n), np.zeros((n - _N + m, n))
     lower, upper = np.empty(n + len(rows)), np.empty(n + len(rows))
-    _program_kernel(
-        *(q, v, h, options.trapezoid, H, g, v_ref, a_ref, share, near),
-        *(options.velocity, options.acceleration, safety.approach_gain, safety.speed_gain),
-        *(most_q, options.most_v, options.most_a, big, f, rows, lower, upper),
-    )
+    _objective_kernel(v, steps, form, limits.a, (options.velocity, options.acceleration), big, f)
+    _limits_kernel(q, v, steps, limits, near, rows, lower, upper)
     senses = np.zeros(len(upper), dtype=np.intc)
     senses[len(upper) - m :] = _SOFT
     step, _, status, _ = daqp.solve(big, f, rows, upper, lower, senses)
@@ -171,65 +186,63 @@ def solve_program(
 
 
 @compiled
-def _program_kernel(
-    q,
-    v,
-    h,
-    c,
-    H,
-    g,
-    v_ref,
-    a_ref,
-    share,
-    near,
-    w_v,
-    w_a,
-    gain,
-    speed_gain,
-    most_q,
-    most_v,
-    most_a,
-    big,
-    f,
-    rows,
-    lower,
-    upper,
-):
-    """Writes the program in the changes of the velocities v (N + 1, 7)."""
+def _objective_kernel(v, steps, form, most_a, weights, big, f):
+    """Writes Hessian (7 N, 7 N) and gradient (7 N,) in the changes of the velocities v (N + 1, 7).
+
+    ``weights`` are those of velocity and acceleration relative to the reference's.
+    """
+    h, c, share = steps
+    w_v, w_a = weights
     n = len(h)
     for k in range(n):
         for a in range(k + 1):
             weight = share[k] * c[k, a]
             for i in range(_N):
-                f[a * _N + i] += weight * g[k, i]
+                f[a * _N + i] += weight * form.g[k, i]
             for b in range(k + 1):
                 both = weight * c[k, b]
                 for i in range(_N):
                     for j in range(_N):
-                        big[a * _N + i, b * _N + j] += both * H[k, i, j]
+                        big[a * _N + i, b * _N + j] += both * form.H[k, i, j]
     for k in range(n):
         for i in range(_N):
-            x = k * _N + i
-            change = v[k + 1, i] - v[k, i]
-            slope = change / h[k] - a_ref[k, i]
+            x, later = k * _N + i, max(k, 1)
+            change = form.v_ref[later, i] - form.v_ref[later - 1, i]
+            a_ref = min(max(change / h[later], -most_a[i]), most_a[i])
+            slope = (v[k + 1, i] - v[k, i]) / h[k] - a_ref
             big[x, x] += share[k] * w_v + w_a / h[k]
-            f[x] += share[k] * w_v * (v[k + 1, i] - v_ref[k, i]) + w_a * slope
-            upper[x], lower[x] = most_v[i] - v[k + 1, i], -most_v[i] - v[k + 1, i]
+            f[x] += share[k] * w_v * (v[k + 1, i] - form.v_ref[k, i]) + w_a * slope
             if k > 0:
                 big[x - _N, x - _N] += w_a / h[k]
                 big[x, x - _N] -= w_a / h[k]
                 big[x - _N, x] -= w_a / h[k]
                 f[x - _N] -= w_a * slope
+
+
+@compiled
+def _limits_kernel(q, v, steps, limits, near, rows, lower, upper):
+    """Writes bounds and rows in the changes of the velocities v (N + 1, 7).
+
+    There are 7 N simple bounds, rows of accelerations, and rows of positions that are ``near``
+    (N, 7) a limit.
+    """
+    h, c, _ = steps
+    n, most_v = len(h), limits.v
+    for k in range(n):
+        for i in range(_N):
+            x, change, most = k * _N + i, v[k + 1, i] - v[k, i], limits.a[i] * h[k]
+            upper[x], lower[x] = most_v[i] - v[k + 1, i], -most_v[i] - v[k + 1, i]
+            if k > 0:
                 rows[x - _N, x], rows[x - _N, x - _N] = 1.0, -1.0
-                upper[_N * (n - 1) + x] = most_a[i] * h[k] - change
-                lower[_N * (n - 1) + x] = -most_a[i] * h[k] - change
-    for i in range(_N):  # the first step as the safety filter has it
-        change, most = v[1, i] - v[0, i], most_a[i] * h[0]
-        faster = min(most, max(speed_gain * h[0] * (most_v[i] - v[0, i]), -v[0, i], 0.0))
-        slower = min(most, max(speed_gain * h[0] * (most_v[i] + v[0, i]), v[0, i], 0.0))
-        upper[i] = max(min(upper[i], faster - change), -most - change)
-        lower[i] = min(max(lower[i], -slower - change), most - change)
-    r, position = _N * (n - 1), q.copy()
+                upper[_N * (n - 1) + x], lower[_N * (n - 1) + x] = most - change, -most - change
+                continue
+            # the first step as the safety filter has it
+            reserve = limits.speed_gain * h[0]
+            faster = min(most, max(reserve * (most_v[i] - v[0, i]), -v[0, i], 0.0))
+            slower = min(most, max(reserve * (most_v[i] + v[0, i]), v[0, i], 0.0))
+            upper[i] = max(min(upper[i], faster - change), -most - change)
+            lower[i] = min(max(lower[i], -slower - change), most - change)
+    r, position, gain = _N * (n - 1), q.copy(), limits.approach_gain
     for k in range(n):
         for i in range(_N):
             position[i] += 0.5 * h[k] * (v[k, i] + v[k + 1, i])
@@ -238,6 +251,6 @@ def _program_kernel(
                     rows[r, a * _N + i] = gain * c[k, a]
                 rows[r, k * _N + i] += 1.0
                 at = v[k + 1, i] + gain * position[i]
-                upper[_N * n + r] = gain * most_q[i] - at
-                lower[_N * n + r] = -gain * most_q[i] - at
+                upper[_N * n + r] = gain * limits.q[i] - at
+                lower[_N * n + r] = -gain * limits.q[i] - at
                 r += 1

@@ -31,54 +31,36 @@ def _interpolated(way, v_0, v_1, duration, t):
 
 
 @compiled
-def reference_kernel(
-    X_WH,
-    times,
-    X_WO,
-    X_WO_after,
-    X_OG,
-    branch,
-    psi,
-    q,
-    v,
-    left,
-    q_there,
-    v_there,
-    corridor,
-    X_GF,
-    near,
-    q_ref,
-    v_ref,
-    share,
-):
-    """Writes the reference ``q_ref``, ``v_ref`` (N, 7), and shares (N,) of the standoff kept.
+def reference_kernel(knots, grasps, meeting, corridor, X_GF, near, q_ref, v_ref):
+    """Writes the reference ``q_ref``, ``v_ref`` (N, 7) to the first grasp, and ``knots.share``.
 
-    ``X_WH`` (N, 4, 4) are the hand's poses in the plan at ``times`` (N,), ``X_WO`` the object's
-    then, ``X_WO_after`` those `INSTANT` later; q, v (7,) is the state of the arm, and in ``left``
-    seconds it is to be that of the interception. Of the standoff less is kept where a joint limit
-    is in the way.
+    Joints that are closer than ``near`` [rad] to it are not interpolated. Of the standoff less is
+    kept where a joint limit is in the way.
     """
-    n, margin, intercepts = IIWA_7.joints, IIWA_7.position_margin, True
+    n, intercepts = IIWA_7.joints, True
+    X_OG, branch, psi = grasps.X_OG[0], grasps.branch[0], grasps.psi[0]
+    times, left, q_there = knots.times, meeting.left, meeting.q_there
     X_WF, solution, after = np.empty((4, 4)), np.empty(n), np.empty(n)
     for k in range(len(times)):
-        X_OH = compose_kernel(inverse_kernel(X_WO[k]), X_WH[k])
+        X_OH = compose_kernel(inverse_kernel(knots.X_WO[k]), knots.X_WH[k])
         standoff = standoff_kernel(X_OG, X_OH, corridor)
         back, reached = stand_behind_kernel(
-            X_OG, standoff, X_WO[k], X_GF, branch, psi, margin, X_WF, solution
+            X_OG, standoff, knots.X_WO[k], X_GF, branch, psi, X_WF, solution
         )
-        share[k] = back / standoff if standoff > 0.0 else 1.0
-        reached = reached and inside_limits_kernel(solution, margin)
+        knots.share[k] = back / standoff if standoff > 0.0 else 1.0
+        reached = reached and inside_limits_kernel(solution, IIWA_7.position_margin)
         if k == 0:
-            intercepts = not (reached and np.max(np.abs(solution - q)) < near)
-        flange_pose_kernel(X_WO_after[k], X_OG, back, X_GF, X_WF)
+            intercepts = not (reached and np.max(np.abs(solution - meeting.q)) < near)
+        flange_pose_kernel(knots.X_WO_after[k], X_OG, back, X_GF, X_WF)
         moves = reached and solve_kernel(X_WF, branch, psi, after)
         for j in range(n):
             q_ref[k, j], v_ref[k, j] = q_there[j], 0.0
             if intercepts and times[k] < left:
+                whole = q_there[j] - meeting.q[j]
                 way, v_ref[k, j] = _interpolated(
-                    q_there[j] - q[j], v[j], v_there[j], left, times[k]
+                    whole, meeting.v[j], meeting.v_there[j], left, times[k]
                 )
-                q_ref[k, j] = q[j] + way
+                q_ref[k, j] = meeting.q[j] + way
             elif reached:
                 q_ref[k, j] = solution[j]
                 v_ref[k, j] = (after[j] - solution[j]) / INSTANT if moves else 0.0

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.control.horizon.clearance import clearance_kernel
+from feasigrasp.models.control.horizon.knots import Surface
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
+from tests.plan_knots import empty_form, knots_at, neighbours
 
 GRIPPER, CORRIDOR = ParallelGripper(), ApproachCorridor()
 HAND = GRIPPER.surface_points(GRIPPER.max_opening)
@@ -33,13 +35,10 @@ def object_pose():
 
 
 def quadratic_form(q, X_WO, ball, *, clearance=CLEARANCE, corridor=CORRIDOR):
-    X_WH, J_WH = pose_and_jacobian(q, GRIPPER.X_FG)
-    H, g = np.zeros((1, 7, 7)), np.zeros((1, 7))
-    clearance_kernel(
-        *(X_WH[None], J_WH[None], X_WO[None], X_OG[None], HAND, ball.values, ball.frame),
-        *(clearance, corridor.parameters, WEIGHT, H, g),
-    )
-    return H[0], g[0]
+    knots, form = knots_at(q[None], GRIPPER.X_FG, X_WO[None]), empty_form()
+    surface = Surface(HAND, ball.values, ball.frame, clearance)
+    clearance_kernel(knots, neighbours(X_OG[None]), surface, corridor.parameters, WEIGHT, form)
+    return form.H[0], form.g[0]
 
 
 def missing(q, X_WO, clearance=CLEARANCE):

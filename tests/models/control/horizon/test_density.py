@@ -9,6 +9,7 @@ from feasigrasp.models.control.horizon.program import ProgramOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, standoff_kernel
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
+from tests.plan_knots import empty_form, knots_at, neighbours
 
 OPTIONS = ProgramOptions()
 X_FG = se3.make_pose(np.eye(3), [0.0, 0.0, 0.15])
@@ -22,13 +23,11 @@ SLIDES = np.eye(6)[:, [3, 4, 5, 0, 1, 2]] @ np.diag([1.0, 1, 1, 0, 0, 0]) @ np.e
 
 def quadratic_form(X_WH, J_WH, X_OG, penalty, *, share=1.0, corridor=DIRECT):
     """Hessian (7, 7) and gradient (7,) at one knot."""
-    H, g = np.zeros((1, 7, 7)), np.zeros((1, 7))
-    density_kernel(
-        *(np.ascontiguousarray(each)[None] for each in (X_WH, J_WH, X_WO)),
-        *(np.ascontiguousarray(X_OG), np.array(penalty, dtype=float), np.array([share])),
-        *(corridor.parameters, OPTIONS.record, H, g),
-    )
-    return H[0], g[0]
+    hand, form = ([X_WH], [J_WH]), empty_form()
+    knots = knots_at(Q[None], X_FG, X_WO[None], share=share, hand=hand)
+    found = neighbours(X_OG, np.array(penalty) / OPTIONS.worth)
+    density_kernel(knots, found, corridor.parameters, np.eye(4), OPTIONS.record, form)
+    return form.H[0], form.g[0]
 
 
 def cost(X_WH, X_OT, penalty):
@@ -134,12 +133,11 @@ def test_it_adds_to_what_is_there_at_every_knot():
         np.array(each)
         for each in zip(*(pose_and_jacobian(q, X_FG) for q in (Q, 0.9 * Q)), strict=True)
     )
-    H, g = np.ones((2, 7, 7)), np.ones((2, 7))
-    density_kernel(
-        *(X_WH, J_WH, np.array([X_WO, X_WO]), np.eye(4)[None], np.zeros(1), np.ones(2)),
-        *(DIRECT.parameters, OPTIONS.record, H, g),
-    )
+    form = empty_form(2, 1.0)
+    knots = knots_at([Q, 0.9 * Q], X_FG, [X_WO, X_WO])
+    grasps = neighbours(np.eye(4)[None])
+    density_kernel(knots, grasps, DIRECT.parameters, np.eye(4), OPTIONS.record, form)
     for k in range(2):
         H_one, g_one = quadratic_form(X_WH[k], J_WH[k], np.eye(4)[None], [0.0])
-        np.testing.assert_allclose(H[k], 1.0 + H_one, rtol=1e-12)
-        np.testing.assert_allclose(g[k], 1.0 + g_one, rtol=1e-12)
+        np.testing.assert_allclose(form.H[k], 1.0 + H_one, rtol=1e-12)
+        np.testing.assert_allclose(form.g[k], 1.0 + g_one, rtol=1e-12)

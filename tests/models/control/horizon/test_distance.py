@@ -11,17 +11,20 @@ from feasigrasp.models.control.horizon.distance_field import (
     fit_kernel,
     length_scale_kernel,
 )
+from feasigrasp.models.control.horizon.program import ProgramOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, standoff_kernel
 from feasigrasp.models.ik.continuation import branch_kernel
 from feasigrasp.models.ik.self_motion import arm_angle_kernel
 from feasigrasp.models.robot.kinematics import forward_kinematics
+from tests.plan_knots import empty_form, knots_at, neighbours
 
 X_FG = se3.make_pose(se3.so3_exp([0.0, 0.0, 0.4]), [0.0, 0.0, 0.15])
 X_WO = se3.make_pose(se3.so3_exp([0.3, -0.2, 0.5]), [0.5, 0.1, 0.4])
 DIRECT, CORRIDOR = ApproachCorridor(max_standoff=0.0), ApproachCorridor()
 Q = np.array([0.1, 0.7, 0.1, 1.4, 0.1, -0.8, 0.1])
-WEIGHT = 100.0
+OPTIONS = ProgramOptions(distance=100.0)
+WEIGHT = OPTIONS.distance
 
 
 def held(solutions):
@@ -33,13 +36,11 @@ def held(solutions):
 
 def quadratic_form(q, grasps, penalty, *, share=1.0, corridor=DIRECT, X_WO=X_WO):
     """Hessian (7, 7) and gradient (7,) at one knot."""
-    H, g = np.zeros((1, 7, 7)), np.zeros((1, 7))
-    distance_kernel(
-        *(q[None], forward_kinematics(q, X_FG)[None], X_WO[None], *grasps),
-        *(np.array(penalty, dtype=float), np.array([share]), corridor.parameters),
-        *(se3.inverse(X_FG), WEIGHT, H, g),
-    )
-    return H[0], g[0]
+    X_OG, branch, psi = grasps
+    knots, form = knots_at(q[None], X_FG, X_WO[None], share=share), empty_form()
+    found = neighbours(X_OG, np.array(penalty) / OPTIONS.speed, branch, psi)
+    distance_kernel(knots, found, corridor.parameters, se3.inverse(X_FG), OPTIONS.record, form)
+    return form.H[0], form.g[0]
 
 
 def test_one_solution_is_a_spring_to_it():

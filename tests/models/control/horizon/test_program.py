@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from feasigrasp.models.control.horizon.knots import Form
 from feasigrasp.models.control.horizon.program import ProgramOptions, positions, solve_program
 from feasigrasp.models.robot.iiwa import IIWA_7
 
@@ -32,7 +33,7 @@ def objective(v, H, g, v_ref):
 
 def test_without_active_limits_no_other_plan_is_better():
     v, H, g, v_ref = problem(Q + 0.005, 0.002)
-    found = solve_program(Q, v, H, g, v_ref, OPTIONS)
+    found = solve_program(Q, v, Form(H, g, v_ref), OPTIONS)
     best, rng = objective(found, H, g, v_ref), np.random.default_rng(0)
     assert best < objective(v, H, g, v_ref)
     for size in (1e-4, 1e-3, 1e-2):
@@ -45,7 +46,7 @@ def test_without_active_limits_no_other_plan_is_better():
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_far_target_is_gone_for_at_the_limits_and_not_beyond(sign):
     v, H, g, v_ref = problem(Q + sign * 2.0)
-    found = solve_program(Q, v, H, g, v_ref, OPTIONS)
+    found = solve_program(Q, v, Form(H, g, v_ref), OPTIONS)
     velocity = np.abs(found) / OPTIONS.most_v
     acceleration = np.abs(np.diff(found, axis=0)) / (OPTIONS.h[:, None] * OPTIONS.most_a)
     assert velocity.max() <= 1.0 + 1e-6
@@ -58,7 +59,7 @@ def test_a_position_limit_is_approached_as_the_safety_filter_does():
     v = np.zeros((N + 1, 7))
     H = np.tile(1000.0 * np.eye(7), (N, 1, 1))
     g = 1000.0 * (positions(q, v, OPTIONS) - (q + 1.0))
-    found = solve_program(q, v, H, g, np.zeros((N, 7)), OPTIONS)
+    found = solve_program(q, v, Form(H, g, np.zeros((N, 7))), OPTIONS)
     left = IIWA_7.position_limits - OPTIONS.safety.position_margin - positions(q, found, OPTIONS)
     assert left.min() > -1e-3
     assert (found[1:] - OPTIONS.safety.approach_gain * left).max() < 0.02

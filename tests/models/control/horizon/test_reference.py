@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from feasigrasp.models.control.horizon.knots import Meeting
 from feasigrasp.models.control.horizon.reference import INSTANT, reference_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, standoff_kernel
@@ -12,6 +13,7 @@ from feasigrasp.models.ik.continuation import branch_kernel
 from feasigrasp.models.ik.self_motion import arm_angle_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
+from tests.plan_knots import knots_at, neighbours
 
 X_FG = se3.make_pose(se3.so3_exp([0.0, 0.0, 0.4]), [0.0, 0.0, 0.15])
 X_WO = se3.make_pose(se3.so3_exp([0.3, -0.2, 0.5]), [0.5, 0.1, 0.4])
@@ -51,13 +53,18 @@ def reference(times, twist=V_WO, *, q=Q, q_grasp=Q_GRASP, left=0.0, near=0.0, co
     after = np.array([se3.extrapolate(X_WO, twist, t + INSTANT) for t in times])
     X_OG = se3.inverse(X_WO) @ forward_kinematics(q_grasp, X_FG)
     X_OH = X_OG @ OFFSET
-    q_ref, v_ref, share = np.empty((2, len(times), 7)), None, np.empty(len(times))
-    q_ref, v_ref = q_ref
-    reference_kernel(
-        *(poses @ X_OH, times, poses, after, X_OG, branch_kernel(q_grasp)),
-        *(arm_angle_kernel(q_grasp), q, V, left, Q_THERE, V_THERE, corridor.parameters),
-        *(se3.inverse(X_FG), near, q_ref, v_ref, share),
+    hand = poses @ X_OH, np.zeros((len(times), 6, 7))
+    knots = knots_at(
+        np.zeros((len(times), 7)), X_FG, poses, times=times, X_WO_after=after, hand=hand
     )
+    held = [branch_kernel(q_grasp)], [arm_angle_kernel(q_grasp)]
+    meeting = Meeting(q, V, left, Q_THERE, V_THERE)
+    q_ref, v_ref = np.empty((2, len(times), 7))
+    reference_kernel(
+        *(knots, neighbours(X_OG[None], None, *held), meeting, corridor.parameters),
+        *(se3.inverse(X_FG), near, q_ref, v_ref),
+    )
+    share = knots.share
     standoff = standoff_kernel(X_OG, X_OH, corridor.parameters)
     return Reference(q_ref, v_ref, share, poses, standoff, X_OG)
 
