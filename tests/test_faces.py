@@ -21,7 +21,7 @@ PROMISED = {
     "feasigrasp.models.robot": "ParallelGripper WSG_50 forward_kinematics pose_and_jacobian "
     "manipulability",
     "feasigrasp.models.ik": "closed_form",
-    "feasigrasp.models.reach": "Reachability followable_grasps InterceptionOptions",
+    "feasigrasp.models.reach": "Reachability feasible_grasps InterceptionOptions",
     "feasigrasp.models.control": "Safety SafetyOptions HorizonOptions ProgramOptions",
     "feasigrasp.models.objects": "RigidObject load_object HarmonicMotion",
     "feasigrasp.scenario": "Scenario load_scenario dump_scenario make_motion",

@@ -226,7 +226,7 @@ STATEMENTS = {
         (
             "The {} grasps of least cost pass; one that passed before is replaced for a gain of "
             "{:g} s",
-            (value("followable.MOST"), value("followable._KEPT")),
+            (value("feasible_grasps.MOST"), value("feasible_grasps._KEPT")),
         ),
         (
             "over the next {:g} s, {:g} times per second",

@@ -43,7 +43,7 @@ LEGAL = {
     "Situation.[qv]:NaN": "the state of the arm is not known",
     "Situation.v:infinite": "the same",
     "Situation.future.ahead:*": "any number of times",
-    "followable_grasps.kept_before:*": "any number of ids",
+    "feasible_grasps.kept_before:*": "any number of ids",
     "SafetyFilter.*:NaN": "a request or state that is not finite: the arm brakes",
     "SafetyFilter.*:infinite": "the same",
     "*.enforced.*:NaN": "the same",

@@ -19,7 +19,7 @@ from feasigrasp.models.grasps.payload import rated_by_payload
 from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import Positive
-from feasigrasp.models.reach.followable import JudgedGrasps, followable_grasps
+from feasigrasp.models.reach.feasible_grasps import JudgedGrasps, feasible_grasps
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -213,7 +213,7 @@ class ReachabilityFilter(LeafSystem):
         symmetric_grasps: bool = True,
         period: Positive = ReachabilityConfig.period,
     ) -> None:
-        """A filter of `followable_grasps`.
+        """A filter of `feasible_grasps`.
 
         Without ``symmetric_grasps`` grasps are judged as they are, not their flips. Which grasps
         were kept is remembered every ``period`` seconds.
@@ -254,7 +254,7 @@ class ReachabilityFilter(LeafSystem):
             optional(self._motion, context),
             self._prediction,
         )
-        return followable_grasps(
+        return feasible_grasps(
             *(self._grasps.Eval(context), now, self._reachability, self._options),
             symmetric_grasps=self._symmetric_grasps,
             kept_before=self._kept_before.Eval(context),

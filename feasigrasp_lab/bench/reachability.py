@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.reach.followable import followable_grasps
+from feasigrasp.models.reach.feasible_grasps import feasible_grasps
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation
 from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -87,7 +87,7 @@ def _filter_rows(grasps: GraspSet, seconds: float) -> list[Row]:
         judge, name = PoseJudge(reachability, method), f"bench.reachability_filter_ms.{method}"
         whole = partial(judge_grasps, grasps, X_WO, V_WO, judge, rule=rule)
         if method == JudgeMethod.IK:
-            whole = partial(followable_grasps, grasps, now, reachability, InterceptionOptions())
+            whole = partial(feasible_grasps, grasps, now, reachability, InterceptionOptions())
         cases.append(Case(name, "default", partial(judge.verdicts, X_WG)))
         cases.append(Case(name, "whole filter", whole))
     return time_cases(cases, seconds)

@@ -12,7 +12,7 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import NotNegative, Positive
-from feasigrasp.models.reach.followable import JudgedGrasps
+from feasigrasp.models.reach.feasible_grasps import JudgedGrasps
 from feasigrasp.scenario.schema import ReachabilityConfig, Scenario
 from feasigrasp.systems.ports import (
     PeriodicState,

@@ -23,7 +23,7 @@ from feasigrasp.models.quantities import (
     NotNegative,
     Share,
 )
-from feasigrasp.models.reach.followable import JudgedGrasps, judged
+from feasigrasp.models.reach.feasible_grasps import JudgedGrasps, judged
 from feasigrasp.models.reach.kernels import REACHABLE
 from feasigrasp.models.reach.reachability import VERDICTS, Verdict
 

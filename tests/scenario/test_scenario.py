@@ -338,7 +338,7 @@ def test_unknown_keys_are_refused_by_name(text, named, tmp_path):
         ("{perception: {preset: magic}}", "perception.preset is 'magic'; .* default, paper"),
         (
             "{reachability: {method: magic}}",
-            "reachability.method is 'magic'; .* ik, both, interception, none",
+            "reachability.method is 'magic'; .* ik, both, none",
         ),
         ("{simulation_duration: .nan}", "simulation_duration is nan"),
         ("{random_seed: -1}", "random_seed is -1"),

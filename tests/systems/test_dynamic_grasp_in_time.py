@@ -40,7 +40,7 @@ def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
     for owner, name in (
         (point_cloud_to_gpdf, "complete_shape"),
         (NetworkSampler, "__call__"),
-        (reachability_filter, "followable_grasps"),
+        (reachability_filter, "feasible_grasps"),
         (horizon_controller, "next_plan"),
         (horizon_controller.HorizonController, "velocity"),
         (velocity_drive.VelocityDrive, "_update"),
@@ -54,7 +54,7 @@ def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
 
     assert calls.pop("complete_shape") == 2
     assert calls.pop("__call__") == 2
-    assert calls.pop("followable_grasps") == 10
+    assert calls.pop("feasible_grasps") == 10
     assert calls.pop("_update") == 200
     # Once more when the state of a slow stage changes between the log of the torque and the step.
     assert 400 <= calls.pop("motion_wrench_kernel") <= 410

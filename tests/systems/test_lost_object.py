@@ -10,7 +10,8 @@ from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 
-START, DURATION, SILENCE = 0.9, 1.3, 0.4
+#: Before the hand is where the object would run into it.
+START, DURATION, SILENCE = 0.4, 1.3, 0.4
 
 
 @pytest.mark.parametrize("controller", ["task", "joint"])

@@ -1,6 +1,6 @@
 """Reachability of the arm, at present and over the prediction horizon."""
 
-from feasigrasp.models.reach.followable import followable_grasps
+from feasigrasp.models.reach.feasible_grasps import feasible_grasps
 from feasigrasp.models.reach.interception import (
     InterceptionOptions,
     Situation,
@@ -15,5 +15,5 @@ __all__ = [
     "Situation",
     "Verdict",
     "find_interceptions",
-    "followable_grasps",
+    "feasible_grasps",
 ]

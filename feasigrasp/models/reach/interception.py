@@ -2,7 +2,8 @@
 
 A grasp on a predicted path is *intercepted* at the first instant at which the joints can be there
 with the velocity of the path, from their present positions and velocities and within their velocity
-and acceleration limits. From there on its path is followed at fixed branch and arm angle until a
+and acceleration limits; one that is farther away, as soon as they can be where it is at the last of
+these instants. From there on its path is followed at fixed branch and arm angle until a
 joint exceeds a limit of position, velocity or acceleration, or the arm collides. A grasp has many
 configurations; the one of least cost counts::
 
@@ -320,17 +321,19 @@ def _follow_kernel(ahead, k, X_OG, q, branch, psi, v):
 
 @compiled
 def _cost_kernel(ahead, k, X_OG, there, branch, psi, v_there):
-    """Cost of an interception at instant k in a configuration (7,).
+    """Cost of an interception at instant k in a configuration (7,), and when it is [s].
 
-    It is infinite if the arm is not there in time, collides there, or cannot stand back.
+    It is infinite if the arm is not there in time, collides there, or cannot stand back; at the
+    last instant it may be late.
     """
     o = ahead.options[0]
     due = ahead.start + o.step * k
+    late = 0.0
     if not _is_admissible(there, ahead.search):
-        return np.inf
+        return np.inf, np.inf
     steps, hardest = _follow_kernel(ahead, k, X_OG, there, branch, psi, v_there)
     if steps == 0:
-        return np.inf
+        return np.inf, np.inf
     for j in range(IIWA_7.joints):
         least = least_time_kernel(
             *(there[j] - ahead.q[j], ahead.v[j], v_there[j]),
@@ -339,16 +342,18 @@ def _cost_kernel(ahead, k, X_OG, there, branch, psi, v_there):
                 o.acceleration * IIWA_7.acceleration_limits[j],
             ),
         )
-        if least > due + _IN_TIME:
-            return np.inf
+        late = max(late, least - due)
+    if late > _IN_TIME and k < int(o.latest):
+        return np.inf, np.inf
     X_WF, behind = np.empty((4, 4)), np.empty(IIWA_7.joints)
     flange_pose_kernel(ahead.X_WO[k], X_OG, o.way_in, ahead.X_GF, X_WF)
     if not solve_kernel(X_WF, branch, psi, behind):
-        return np.inf
+        return np.inf, np.inf
     if not inside_limits_kernel(behind, ahead.search.limit_margin):
-        return np.inf
+        return np.inf, np.inf
     lack = max(0.0, o.enough - o.step * steps)
-    return due + o.lack * lack + o.strain * max(0.0, hardest - o.easy)
+    arrival = due + late if late > _IN_TIME else due
+    return arrival + o.lack * lack + o.strain * max(0.0, hardest - o.easy), arrival
 
 
 @compiled
@@ -378,11 +383,11 @@ def _interceptions_kernel(ahead, X_OG, present_branch, present_psi, found):
                     solve_kernel(X_WF, branch, psi, there)
                 else:
                     time = next_nearest_kernel(circle, scratch.samples, scratch.q)
-                    if time > due + _IN_TIME:
+                    if time > due + _IN_TIME and (time == np.inf or k < int(o.latest)):
                         break
                     there[:] = scratch.q
                     branch, psi = branch_kernel(there), arm_angle_kernel(there)
-                one = _cost_kernel(ahead, k, X_OG[i], there, branch, psi, velocity)
+                one, then = _cost_kernel(ahead, k, X_OG[i], there, branch, psi, velocity)
                 if one < cost[i]:
-                    cost[i], arrival[i], branches[i], psis[i] = one, due, branch, psi
+                    cost[i], arrival[i], branches[i], psis[i] = one, then, branch, psi
                     q_there[i], v_there[i] = there, velocity

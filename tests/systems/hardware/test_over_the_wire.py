@@ -132,8 +132,8 @@ def test_the_log_has_what_drivers_say_and_no_truth(wire):
     # The velocities are the driver's estimates: positions differ by what they say. Encoders round.
     n = 20
     moved = (log["q"][n:] - log["q"][:-n]) / (n * channels.IIWA_PERIOD)
-    said = np.cumsum(log["qd"], axis=0) / n
-    np.testing.assert_allclose(said[n:] - said[:-n], moved, atol=0.02)
+    said = np.cumsum(0.5 * (log["qd"][1:] + log["qd"][:-1]), axis=0) / n
+    np.testing.assert_allclose(said[n:] - said[:-n], moved[1:], atol=0.02)
     assert np.abs(log["qd"]).max() > 0.1
 
 
@@ -165,12 +165,13 @@ def test_it_starts_where_the_arm_is_and_keeps_the_limits(wire):
 
 
 def test_the_arm_does_what_is_asked_for(wire):
-    """The guard neither lags nor leads, but for what accelerations change within a period."""
+    """The guard neither lags nor leads by more than two periods."""
     asked, Q_asked = commands(wire, channels.IIWA_REQUEST)
     sent, Q_sent = commands(wire, channels.IIWA_COMMAND)
     both, i, j = np.intersect1d(np.round(asked, 4), np.round(sent, 4), return_indices=True)
     assert len(both) > 200
-    assert np.abs(Q_asked[i] - Q_sent[j])[-100:].max() < 0.01
+    off, speed = np.abs(Q_asked[i] - Q_sent[j]), np.abs(np.gradient(Q_sent[j], axis=0))
+    assert (off <= 2.0 * speed + 0.002)[-100:].all()  # two periods at that speed
     simulator = wire[1]
     log = simulator.get_system().GetSubsystemByName("log(arm)").FindLog(simulator.get_context())
     behind = np.abs(log.data()[:7, -1] - Q_sent[-1])

@@ -73,7 +73,7 @@ def test_joints_and_commands_are_those_of_arm_and_drive(logged):
     np.testing.assert_array_equal(np.hstack([log["q_sent"], log["qd_sent"]]), drive)
     # The drive sends what was commanded a tick before, but where the controller plans anew.
     sent, commanded = log["qd_sent"][1:], log["qd_commanded"][:-1]
-    planned = np.arange(len(sent)) % 20 == 0
+    planned = np.arange(len(sent)) % 4 == 0
     np.testing.assert_allclose(sent[~planned], commanded[~planned], atol=1e-6)
     assert np.abs(log["qd_commanded"]).max() > 0.2
     assert (np.abs(log["qd_sent"]) <= IIWA_7.velocity_limits + 1e-9).all()
@@ -127,11 +127,11 @@ def test_from_closing_on_it_is_the_grasp_committed_to(fixed_context, phase):
 
 @pytest.mark.parametrize("law", ["joint", "nearest"])
 def test_other_controllers_are_logged_too(law):
-    """A field over many grasps has no chosen one; the nearest grasp is one."""
+    """Each with the grasp that it goes for."""
     text = f"{{control: {{controller: {law}}}}}"
     diagram = make_dynamic_grasp(scenario(text=text), connect=add_run_log)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.8)
     log = read_run_log(diagram, simulator.get_context())
     assert np.abs(log["qd_commanded"]).max() > 0.1
-    assert np.isfinite(log["X_OG"][-1]).all() == (law == "nearest")
+    assert np.isfinite(log["X_OG"][-1]).all()

@@ -8,7 +8,7 @@ import pytest
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
-from feasigrasp.models.reach.followable import followable_grasps
+from feasigrasp.models.reach.feasible_grasps import feasible_grasps
 from feasigrasp.models.reach.interception import (
     InterceptionOptions,
     Situation,
@@ -19,7 +19,7 @@ from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
 REACH, OPTIONS = Reachability(), InterceptionOptions()
 Q, STILL = np.array([0.0, 0.2, 0.0, -1.4, 0.0, 1.2, 0.0]), np.zeros(6)
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
-MOST = 32
+MOST, STILL_ARM = 32, np.zeros(7)
 
 
 @pytest.fixture(scope="module")
@@ -33,12 +33,12 @@ def grasps():
 
 def judged(grasps, V_WO=STILL, *, X_WO=X_WO, q=Q, v=None, options=OPTIONS, **settings):
     now = Situation(0.0, q, np.zeros(7) if v is None else v, X_WO, V_WO)
-    return followable_grasps(grasps, now, REACH, options, **settings)
+    return feasible_grasps(grasps, now, REACH, options, **settings)
 
 
-def costs(grasps, V_WO=STILL, q=Q):
+def costs(grasps, V_WO=STILL, q=Q, v=STILL_ARM):
     """Costs of the grasps and their flips."""
-    both, now = grasps.with_symmetric(), Situation(0.0, q, np.zeros(7), X_WO, V_WO)
+    both, now = grasps.with_symmetric(), Situation(0.0, q, v, X_WO, V_WO)
     return find_interceptions(both.X_OG, both.score, now, REACH, OPTIONS).cost
 
 
@@ -176,7 +176,7 @@ def test_of_an_object_that_is_unknown_or_far_no_grasp_is_kept(grasps, lost):
 
 def test_what_is_met_depends_on_where_the_arm_is_and_how_it_moves(grasps):
     """A quick object is met best by an arm that is not far from its path."""
-    V_WO, quick = np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.0]), replace(OPTIONS, latest=9)
+    V_WO = np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.0])
     ahead, behind = Q.copy(), Q.copy()
     ahead[0], behind[0] = 0.6, -2.0
     counts = [np.isfinite(costs(grasps, V_WO, q)).sum() for q in (ahead, behind)]
@@ -185,10 +185,9 @@ def test_what_is_met_depends_on_where_the_arm_is_and_how_it_moves(grasps):
     # One that swings the other way has to turn back first.
     slow = 0.5 * V_WO
     away, there = (
-        len(judged(grasps, slow, q=behind, v=v * np.eye(7)[0], options=quick).grasps)
-        for v in (-1.4, 1.4)
+        np.sort(costs(grasps, slow, behind, v * np.eye(7)[0]))[:5].mean() for v in (-1.4, 1.4)
     )
-    assert 1.5 * away < there
+    assert there + 0.1 < away < np.inf
 
 
 def test_scores_count_as_the_options_say(grasps):

@@ -50,7 +50,7 @@ def judged(grasps: GraspSet, both: GraspSet, kept: Indices, verdicts: Array) -> 
 
 
 @checked(ReachabilityError)
-def followable_grasps(
+def feasible_grasps(
     grasps: GraspSet,
     now: Situation,
     reachability: Reachability,
