@@ -32,7 +32,7 @@ from tools.stored import ROOT, STORE, FigureError, Stored, commit_of, read, stor
 
 PAGES = (ROOT / "README.md", ROOT / "docs" / "results.md", ROOT / "docs" / "safety.md")
 TABLES = Path(__file__).with_name("tables.yaml")
-NOT_MEASURED = "not measured"
+NOT_MEASURED = "–"
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _AGES = re.compile(r"Ages are in commits before number (\d+), of ([\d-]+)\.")
 
@@ -76,7 +76,7 @@ def made(table: Mapping[str, Any], commit: int, folder: Path = STORE) -> str:
             ages.setdefault(source.age(commit), []).append(f"`{name}`")
         text += "\n\n" + "; ".join(f"{', '.join(of)}: {age}" for age, of in ages.items()) + "."
         if missing:
-            text += f" {NOT_MEASURED.capitalize()}: {', '.join(missing)}."
+            text += f" Not measured: {', '.join(missing)}."
     return text
 
 

@@ -38,4 +38,4 @@ def test_no_kernel_is_compiled_inside_a_tick(controller):
     """In a process of its own: what other tests have run is compiled already."""
     command = [sys.executable, "-c", SCRIPT, controller]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["15", "300"]
+    assert done.stdout.split() == ["75", "300"]

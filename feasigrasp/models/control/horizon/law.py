@@ -55,7 +55,7 @@ _NEIGHBOUR, _SAME_ARM = np.array([0.05, 0.6]), 0.6
 
 
 _N = IIWA_7.joints
-#: No object to keep off.
+#: No object to keep off. Source: definition.
 _NO_SURFACE = ObstacleGrid(np.zeros((0, 0, 0), dtype=np.float32), np.zeros(5))
 
 
