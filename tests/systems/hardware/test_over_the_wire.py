@@ -172,6 +172,7 @@ def test_the_arm_does_what_is_asked_for(wire):
     assert len(both) > 200
     off, speed = np.abs(Q_asked[i] - Q_sent[j]), np.abs(np.gradient(Q_sent[j], axis=0))
     assert (off <= 2.0 * speed + 0.002)[-100:].all()  # two periods at that speed
+    assert off[-100:].max() < 0.015
     simulator = wire[1]
     log = simulator.get_system().GetSubsystemByName("log(arm)").FindLog(simulator.get_context())
     behind = np.abs(log.data()[:7, -1] - Q_sent[-1])

@@ -24,8 +24,8 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 def density_kernel(knots, grasps, corridor, X_GF, options, form):
     """Adds the quadratic forms of all knots; ``options`` are those of the program.
 
-    The weight of a grasp is ``exp(-worth penalty)``. ``X_GF`` is not needed: it is there for the
-    distance field.
+    The weight of a grasp is ``exp(-worth penalty)``. ``X_GF`` has no effect: both costs are
+    called alike.
     """
     o, n, X_OG = options[0], IIWA_7.joints, grasps.X_OG
     W, X_OT, e = np.empty(6), np.empty((4, 4)), np.empty((len(X_OG), 6))
