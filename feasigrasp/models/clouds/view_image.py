@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter
+from scipy.ndimage import binary_dilation, convolve, distance_transform_edt, gaussian_filter
 from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import Array, Indices, Mask
@@ -128,13 +128,14 @@ class ViewImage:
         pixel: Width of a pixel in the plane z = 1.
         pitch: Width of a pixel of the real camera in the plane z = 1.
         mask: Which pixels show the object, shape (SIDE, SIDE).
-        depth: Mean depth along z, shape (SIDE, SIDE) [m]; 0 outside the mask.
+        depth: Mean depth along z, shape (SIDE, SIDE) [m], inpainted where it was not measured; 0
+            outside the mask.
         front: Depth where the surface begins that a pixel shows, less than the mean where it is
-            steep or has steps, shape (SIDE, SIDE) [m]; 0 outside the mask.
+            steep or has steps, shape (SIDE, SIDE) [m]; 0 where it was not measured.
+        measured: Which pixels have a depth of their own, shape (SIDE, SIDE).
         whole: Whether the object ends where the silhouette does. If the picture ends there, or
             something hides the rest, only what is before the seen surface is known to be free.
-        unclear: Pixels that may show a part of the object that was not measured, shape (SIDE,
-            SIDE).
+        unclear: Pixels in which something hides what is behind it, shape (SIDE, SIDE).
         ends: Whether the object ends in the picture, by what the camera saw without measuring it.
         careful: Whether what is unclear counts as the silhouette's when asked what is beside it.
     """
@@ -145,6 +146,7 @@ class ViewImage:
     mask: Mask
     depth: Array
     front: Array
+    measured: Mask
     whole: bool = True
     unclear: Mask = field(default_factory=lambda: np.zeros((SIDE, SIDE), dtype=bool))
     ends: bool = True
@@ -168,6 +170,15 @@ class ViewImage:
             ~self.mask, return_distances=False, return_indices=True
         )
         return found
+
+    @cached_property
+    def deviation(self) -> Array:
+        """Expected error of the depth, shape (SIDE, SIDE) [m]: 0 where it was measured.
+
+        A surface at 45 degrees gets so far from the inpainted one: the way to what was measured.
+        """
+        apart: Array = distance_transform_edt(~self.measured)
+        return apart * self.pixel * self.depth
 
     def in_camera(self, x: Array) -> Array:
         """Points (n, 3) given in O, in the camera frame."""
@@ -212,61 +223,95 @@ def view_image(points: Array, p_OC: Array, outline: Outline | None = None) -> Vi
         outline: Where the object may go on, in O; nowhere if not given.
     """
     R = _looking_along(points.mean(axis=0) - p_OC)
-    at = _projected(points, p_OC, R)[0]
-    # Turned once more, onto the center of the visible points.
-    middle = 0.5 * (at.min(axis=0) + at.max(axis=0))
+    unmeasured = np.zeros((0, 3)) if outline is None else outline.unmeasured
+    # Turned once more, onto the center of what is visible.
+    seen = np.concatenate([_projected(points, p_OC, R)[0], _in_picture(unmeasured, R)])
+    middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
     R = _looking_along(R @ np.append(middle, 1.0))
     at, depth_of = _projected(points, p_OC, R)
-    pixel = max(2.0 * float(np.abs(at).max()) / (SIDE - 2 * MARGIN), 1e-6)
+    dark = _in_picture(unmeasured, R)
+    pixel = 2.0 * float(max(np.abs(at).max(), np.abs(dark).max(initial=0.0))) / (SIDE - 2 * MARGIN)
+    pixel = max(pixel, 1e-6)
     some = at[:: -(-len(at) // 200)]
     # A pixel's four neighbours are one pitch away; for points at random it is about the same.
     fourth = cKDTree(at).query(some, k=min(5, len(at)))[0][:, -1]
     pitch = float(np.clip(np.median(fourth), 0.05 * pixel, 4.0 * pixel))
 
-    column, row = np.rint(at / pixel + 0.5 * (SIDE - 1)).astype(int).T
-    flat = row * SIDE + column
-    count = np.bincount(flat, minlength=SIDE * SIDE).reshape(SIDE, SIDE).astype(float)
-    mean = depth_of.mean()
-    total, square = (
-        np.bincount(flat, (depth_of - mean) ** power, SIDE * SIDE).reshape(SIDE, SIDE)
-        for power in (1, 2)
-    )
     # Spread by the real pixel's width: closes the gaps between points and averages the noise.
     blur = max(0.6, 0.7 * pitch / pixel)
+    mean = depth_of.mean()
+    measured, weight = _silhouette(at, pixel, pitch, blur)
+    total, square = (
+        gaussian_filter(part, blur, mode="constant") / np.maximum(weight, 1e-12)
+        for part in (_counted(at, pixel, (depth_of - mean) ** power) for power in (1, 2))
+    )
+    # Scatter of depths that says nothing about the surface [m].
+    steep = np.sqrt(3.0 * np.maximum(square - total**2 - 2e-3**2, 0.0))
+    X_OC = np.eye(4)
+    X_OC[:3, :3], X_OC[:3, 3] = R, p_OC
+    depth, front = (np.where(measured, part, 0.0) for part in (mean + total, mean + total - steep))
+    mask = measured
+    if len(dark):
+        mask = measured | _silhouette(dark, pixel, pitch, blur)[0]
+        depth = _inpainted(depth, measured, mask)
+    image = ViewImage(X_OC, pixel, pitch, mask, depth, front, measured)
+    return image if outline is None else _outlined(image, outline)
+
+
+def _in_picture(rays: Array, R: Array) -> Array:
+    """Positions (n, 2) in the plane z = 1 of lines of sight before the camera."""
+    in_camera = rays @ R
+    before = in_camera[:, 2] > 0.1 * np.linalg.norm(in_camera, axis=1)
+    return np.asarray(in_camera[before, :2] / in_camera[before, 2:])
+
+
+def _counted(at: Array, pixel: float, values: Array | None = None) -> Array:
+    """Sums of values, or numbers, of what is at positions (n, 2), by pixel, (SIDE, SIDE)."""
+    column, row = np.rint(at / pixel + 0.5 * (SIDE - 1)).astype(int).T
+    inside = (row >= 0) & (row < SIDE) & (column >= 0) & (column < SIDE)
+    flat = (row * SIDE + column)[inside]
+    sums = np.bincount(flat, None if values is None else values[inside], minlength=SIDE * SIDE)
+    return np.asarray(sums.reshape(SIDE, SIDE), dtype=float)
+
+
+def _silhouette(at: Array, pixel: float, pitch: float, blur: float) -> tuple[Mask, Array]:
+    """The pixels that positions (n, 2) of the camera's pixels cover, and their blurred number."""
+    count = _counted(at, pixel)
     weight = gaussian_filter(count, blur, mode="constant")
     # A pixel deep in the silhouette has the weight 1 / pitch^2 per pixel^2, one at its rim half.
     mask = weight > 0.3 * (pixel / pitch) ** 2
     # What is thinner than a pixel weighs less, and is there all the same.
     apart = (count > 0.0) & ~binary_dilation(mask, _AROUND)
-    mask |= (count > 0.0) & binary_dilation(apart, _AROUND)
-    total, square = (
-        gaussian_filter(part, blur, mode="constant") / np.maximum(weight, 1e-12)
-        for part in (total, square)
-    )
-    # Scatter of depths that says nothing about the surface [m].
-    steep = np.sqrt(3.0 * np.maximum(square - total**2 - 2e-3**2, 0.0))
-    depth = mean + total
-    X_OC = np.eye(4)
-    X_OC[:3, :3], X_OC[:3, 3] = R, p_OC
-    depth, front = (np.where(mask, part, 0.0) for part in (depth, depth - steep))
-    image = ViewImage(X_OC, pixel, pitch, mask, depth, front)
-    return image if outline is None else _outlined(image, outline, len(points))
+    return mask | ((count > 0.0) & binary_dilation(apart, _AROUND)), weight
 
 
-def _outlined(image: ViewImage, outline: Outline, n_points: int) -> ViewImage:
-    """With what the outline says that may be the object, of which this is the number of points."""
-    rays = np.concatenate([outline.unmeasured, outline.hidden])
-    row, column, z, inside = image.project(image.X_OC[:3, 3] + rays)
+def _inpainted(depth: Array, measured: Mask, mask: Mask) -> Array:
+    """Depths of all pixels of a mask: harmonic inpainting of those that were not measured.
+
+    Every one is the mean of its neighbours in the mask (Laplace's equation, with what was measured
+    as boundary values; Bertalmio et al., "Image inpainting", SIGGRAPH 2000, review such schemes).
+    """
+    nearest = distance_transform_edt(~measured, return_distances=False, return_indices=True)
+    filled = np.where(mask, depth[nearest[0], nearest[1]], 0.0)
+    inside = mask.astype(float)
+    around = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+    neighbours = np.maximum(convolve(inside, around, mode="constant"), 1.0)
+    unknown = mask & ~measured
+    for _ in range(SIDE):
+        mean = convolve(filled, around, mode="constant") / neighbours
+        filled[unknown] = mean[unknown]
+    return filled
+
+
+def _outlined(image: ViewImage, outline: Outline) -> ViewImage:
+    """With what the outline says that may be the object."""
+    row, column, z, inside = image.project(image.X_OC[:3, 3] + outline.hidden)
     inside &= z > 0.0
     unclear = np.zeros_like(image.mask)
     unclear[row[inside], column[inside]] = True
     if image.pitch > 0.7 * image.pixel:  # lines of sight miss pixels between them
         unclear = binary_dilation(unclear, _AROUND)
-    unmeasured = len(outline.unmeasured)
-    outside = np.count_nonzero(~inside[:unmeasured]) / (n_points + unmeasured)
-    # The picture contains the points. Where more than this share of what the camera saw of the
-    # object is outside, since it has no depth, the object does not end in it. Source: guessed.
-    return replace(image, unclear=unclear, ends=bool(outline.whole and outside <= 0.05))
+    return replace(image, unclear=unclear & ~image.mask, ends=outline.whole)
 
 
 def _looking_along(direction: Array) -> Array:

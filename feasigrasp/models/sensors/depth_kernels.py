@@ -150,7 +150,7 @@ def measure_kernel(z, inverse, valid, partner, edge, cosine, chance, noise, limi
                 angle = math.degrees(math.acos(cosine[i, j]))
                 lost = mix[i, j] < (angle - start) / (end - start)
             if lost:
-                measured[i, j] = np.inf
+                measured[i, j] = 0.0
                 continue
             disparity = inverse[i, j]
             if flies:

@@ -172,8 +172,8 @@ class DepthNoise:
             fixed: Errors that are the same in every image; None for an image of its own.
 
         Returns:
-            A new image of the same floating-point type (float64 if it had none); infinity where the
-            pixel was lost or is measured beyond ``far``, 0 where it is measured before ``near``.
+            A new image of the same floating-point type (float64 if it had none); 0 where the pixel
+            was lost or is measured before ``near``, infinity where it is measured beyond ``far``.
 
         Raises:
             CameraError: If the image has no two dimensions, or the intrinsics no focal length.
@@ -196,7 +196,7 @@ class DepthNoise:
             error = math.sqrt(1.0 - self.fixed) * error + fixed.disparity
             gain, bias = fixed.scale, fixed.bias
         if self.dropped > 0.0 and rng.random() < self.dropped:
-            return np.full(z.shape, np.inf, dtype=kind)
+            return np.zeros(z.shape, dtype=kind)
 
         nearest = 1.0 / near if near > 0.0 else np.nan
         beside = np.where(z <= 0.0, nearest, inverse)
@@ -214,7 +214,7 @@ class DepthNoise:
             *(tuple(map(float, noise + shares)), (float(near), float(far)), measured),
         )
         if fixed is not None:
-            measured[fixed.holes & valid] = np.inf
+            measured[fixed.holes & valid] = 0.0
         return measured
 
 

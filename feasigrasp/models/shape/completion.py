@@ -92,18 +92,24 @@ def hidden_nodes(
 
 
 def _of_picture(image: ViewImage, back: BackSurface) -> tuple[Array, Array]:
-    """Far points of the pixels whose four neighbours show the object too, and their deviations."""
-    mask = binary_erosion(image.mask)
-    rows, columns = np.nonzero(mask)
-    return image.unproject((rows, columns), back.depth[mask]), back.deviation[mask]
+    """Points that are not measured of the pixels whose four neighbours show the object too.
+
+    They are the far ones, and the near ones without a depth; with their deviations.
+    """
+    inner = binary_erosion(image.mask)
+    near = inner & ~image.measured
+    rows, columns = np.nonzero(np.stack([inner, near]))[1:]
+    depth = np.concatenate([back.depth[inner], image.depth[near]])
+    deviation = np.concatenate([back.deviation[inner], image.deviation[near]])
+    return image.unproject((rows, columns), depth), deviation
 
 
 def _inside(image: ViewImage, back: BackSurface, points: Array) -> Mask:
-    """Which points (n, 3) a picture puts inside the object, by more than its far side may err."""
+    """Which points (n, 3) a picture puts inside the object, by more than its sides may err."""
     row, column, z, within = image.project(points)
     at = row, column
     before = z < back.depth[at] - np.maximum(2.0 * back.deviation[at], 3e-3)
-    behind = z > image.depth[at] + 3e-3
+    behind = z > image.depth[at] + np.maximum(2.0 * image.deviation[at], 3e-3)
     inside: Mask = within & image.mask[at] & before & behind
     return inside
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.tracking.registration import Registration
 from feasigrasp.models.tracking.view import ObjectView
@@ -35,6 +36,7 @@ class Keyframe(Frozen):
         time: Of the image [s].
         deviation: How far the surface may be from there, across itself [m].
         begun_at: Time of the first view of this O [s]: what is older is of another one.
+        outline: Where the object may go on beside the points, in O; None where that is unknown.
     """
 
     points_O: Array
@@ -42,6 +44,7 @@ class Keyframe(Frozen):
     time: float
     deviation: float = 0.0
     begun_at: float = -np.inf
+    outline: Outline | None = None
 
 
 def keyframe_of(
@@ -65,7 +68,10 @@ def keyframe_of(
     # together than the model is fine.
     points_W = view.points_W[:: -(-len(view.points_W) // 6000)]
     p_OC = _in_object(X_WO, view.X_WC[:3, 3])
-    return Keyframe(_in_object(X_WO, points_W), p_OC, time, deviation, begun_at)
+    outline = view.outline
+    if outline is not None:
+        outline = outline.turned(X_WO[:3, :3].T @ view.X_WC[:3, :3])
+    return Keyframe(_in_object(X_WO, points_W), p_OC, time, deviation, begun_at, outline)
 
 
 def is_worth_merging(key: Keyframe, found: Registration, last: float, views: ViewRecord) -> bool:

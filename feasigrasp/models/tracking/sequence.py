@@ -59,7 +59,10 @@ class LearntShape(Frozen):
             return replace(looked, faults=self.faults + Counter([fault]))
         # The tracker has registered it to this very cloud; merging must not move O.
         cloud = before.cloud.merged(
-            kept, keyframe.p_OC, register=False, deviation=keyframe.deviation
+            *(kept, keyframe.p_OC),
+            register=False,
+            outline=keyframe.outline,
+            deviation=keyframe.deviation,
         )
         try:
             gpdf = complete_shape(cloud, **options)

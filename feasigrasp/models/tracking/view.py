@@ -13,11 +13,13 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, minimum_filter
+from scipy.spatial import ConvexHull
 
 from feasigrasp.errors import CameraError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.clouds.edges import Outline, outline
 from feasigrasp.models.quantities import CLOUD, POINTS, UNKNOWN_POSE
 
 #: Pixels along the side of a cell, in which silhouettes are kept. Source: guessed.
@@ -133,6 +135,27 @@ class ObjectView(Frozen):
         h, w = self.depth.shape
         measured = self.depth[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)]
         return np.asarray(measured < points_C[:, 2] - _BEHIND)
+
+    @cached_property
+    def outline(self) -> Outline | None:
+        """Pixels without depth amid the object, in the camera's axes; None without an image.
+
+        They are inside the convex hull of the pixels that show it.
+        """
+        uv = np.stack([np.rint(c).astype(int) for c in self.camera.pixels(self.points_C)], axis=1)
+        if self.depth is None or min(np.ptp(uv, axis=0), default=0) < 2:
+            return None
+        low = np.maximum(uv.min(axis=0) - 1, 0)
+        part = self.depth[low[1] : uv[:, 1].max() + 2, low[0] : uv[:, 0].max() + 2]
+        kept = np.zeros(part.shape, dtype=bool)
+        kept[uv[:, 1] - low[1], uv[:, 0] - low[0]] = True
+        missing = np.stack(np.nonzero(~(part > 0.0))[::-1], axis=1)
+        sides = ConvexHull(uv - low, qhull_options="QJ").equations
+        inside = missing[(missing @ sides[:, :2].T + sides[:, 2] <= 0.0).all(axis=1)]
+        of_body = kept.copy()
+        of_body[inside[:, 1], inside[:, 0]] = True
+        corner = int(low[1]), int(low[0])
+        return outline(kept, of_body, np.zeros_like(kept), corner, self.camera)
 
     @cached_property
     def _silhouette(self) -> tuple[tuple[int, int], Indices, Array, Array]:

@@ -70,8 +70,8 @@ class RgbdReceiver(LeafSystem):
         millimetres = self._decoded.Eval(context).get(lcmt_image.PIXEL_FORMAT_DEPTH)
         image.mutable_data[:] = np.inf
         if millimetres is not None and millimetres.dtype == np.uint16:
-            seen = (millimetres > 0) & (millimetres < np.iinfo(np.uint16).max)
-            image.mutable_data[:, :, 0] = np.where(seen, 1e-3 * millimetres, np.inf)
+            far = millimetres == np.iinfo(np.uint16).max
+            image.mutable_data[:, :, 0] = np.where(far, np.inf, 1e-3 * millimetres)
         return image
 
     def _calc_labels(self, context: Context) -> ImageLabel16I:
