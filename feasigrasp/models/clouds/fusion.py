@@ -284,7 +284,7 @@ def _seen_through(image: ViewImage, points: Array) -> float:
     something was not measured: it may be them, too near to the camera.
     """
     row, column, z, inside = image.project(points)
-    inside &= image.measured[row, column] & ~image.unclear[row, column]
+    inside &= image.mask[row, column] & ~image.unclear[row, column]
     if np.count_nonzero(inside) < _MIN_SURFACE:
         return 0.0
     through = image.front[row, column] - z > _OUT_OF_PLACE

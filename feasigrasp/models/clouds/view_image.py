@@ -135,7 +135,8 @@ class ViewImage:
         measured: Which pixels have a depth of their own, shape (SIDE, SIDE).
         whole: Whether the object ends where the silhouette does. If the picture ends there, or
             something hides the rest, only what is before the seen surface is known to be free.
-        unclear: Pixels in which something hides what is behind it, shape (SIDE, SIDE).
+        unclear: Pixels that may show a part of the object that was not measured, or is hidden,
+            shape (SIDE, SIDE).
         ends: Whether the object ends in the picture, by what the camera saw without measuring it.
         careful: Whether what is unclear counts as the silhouette's when asked what is beside it.
     """
@@ -305,13 +306,14 @@ def _inpainted(depth: Array, measured: Mask, mask: Mask) -> Array:
 
 def _outlined(image: ViewImage, outline: Outline) -> ViewImage:
     """With what the outline says that may be the object."""
-    row, column, z, inside = image.project(image.X_OC[:3, 3] + outline.hidden)
+    rays = np.concatenate([outline.unmeasured, outline.hidden])
+    row, column, z, inside = image.project(image.X_OC[:3, 3] + rays)
     inside &= z > 0.0
     unclear = np.zeros_like(image.mask)
     unclear[row[inside], column[inside]] = True
     if image.pitch > 0.7 * image.pixel:  # lines of sight miss pixels between them
         unclear = binary_dilation(unclear, _AROUND)
-    return replace(image, unclear=unclear & ~image.mask, ends=outline.whole)
+    return replace(image, unclear=unclear, ends=outline.whole)
 
 
 def _looking_along(direction: Array) -> Array:

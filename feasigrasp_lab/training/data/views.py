@@ -83,7 +83,7 @@ class ViewedObject:
         of_body = np.isfinite(depth)
         if rng is not None:
             depth = DepthNoise().apply(depth, intrinsics, rng)
-        seen = np.isfinite(depth)
+        seen = np.isfinite(depth) & (depth > 0.0)
         in_camera = unproject(depth, intrinsics)
         used = of_body & seen & ~edge_pixels(in_camera, seen, of_body, EDGE_JUMP)
         rows, columns = np.nonzero(used)

@@ -100,7 +100,7 @@ def test_the_world_does_not_move_the_objects_errors():
 
 @pytest.mark.parametrize("material", MATERIALS)
 def test_materials_lose_their_share_in_patches(material):
-    found = np.array([np.isinf(images(D405, 0.4, seed=k, material=material)[0]) for k in range(6)])
+    found = np.array([images(D405, 0.4, seed=k, material=material)[0] == 0.0 for k in range(6)])
     share = MATERIALS[material].holes
     assert found.mean() == pytest.approx(share, abs=0.05)
     if share:
@@ -109,11 +109,11 @@ def test_materials_lose_their_share_in_patches(material):
 
 
 def test_holes_stay_and_all_sizes_scale():
-    lost = np.isinf(images(D405, 0.3, 3, material="shiny"))
+    lost = images(D405, 0.3, 3, material="shiny") == 0.0
     assert (lost == lost[0]).all()
     twice = D405.scaled(2.0)
     assert (twice.subpixel, twice.scale_error, twice.bias, twice.holes) == (0.16, 0.01, 0.1, 2.0)
     assert (twice.baseline, twice.edge_missing) == (D405.baseline, D405.edge_missing)
     rms = [plane_fit_rms(images(noise, 0.3)[0]) for noise in (D405, twice)]
     assert rms[1] / rms[0] == pytest.approx(2.0, abs=0.1)
-    assert np.isinf(images(twice, 0.3, material="shiny")).mean() == pytest.approx(0.4, abs=0.06)
+    assert (images(twice, 0.3, material="shiny") == 0.0).mean() == pytest.approx(0.4, abs=0.06)

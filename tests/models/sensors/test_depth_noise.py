@@ -88,7 +88,7 @@ def test_share_of_lost_pixels_against_the_angle(degrees):
         angle = np.rad2deg(np.arccos(rays @ normal / np.linalg.norm(rays, axis=-1)))
         near = (np.abs(angle - degrees) < 1.0) & np.isfinite(depth)
         noise = DepthNoise(edge_disparity=50.0)
-        lost = [np.isinf(noise.apply(depth, K, rng(seed)))[near] for seed in range(8)]
+        lost = [(noise.apply(depth, K, rng(seed)) == 0.0)[near] for seed in range(8)]
         assert np.mean(lost) == pytest.approx(expected, abs=0.025)
 
 
@@ -118,17 +118,17 @@ def test_pixels_fly_and_get_lost_at_edges_and_only_there():
     images = np.array([noise.apply(depth, INTRINSICS, rng(seed)) for seed in range(20)])
     away = ~edges
     np.testing.assert_allclose(images[:, away], np.broadcast_to(depth[away], (20, away.sum())))
-    lost = np.isinf(images[:, edges])
-    flying = np.isfinite(images[:, edges]) & (np.abs(images[:, edges] - depth[edges]) > 1e-6)
+    lost = images[:, edges] == 0.0
+    flying = ~lost & (np.abs(images[:, edges] - depth[edges]) > 1e-6)
     assert lost.mean() == pytest.approx(0.3, abs=0.02)
     assert flying.mean() == pytest.approx(0.3, abs=0.02)
     # Between the two surfaces, evenly in disparity; towards nothing, behind the wall.
     square = edges & (depth == 0.4)
     mixed = images[:, square][np.abs(images[:, square] - 0.4) > 1e-6]
-    mixed = mixed[np.isfinite(mixed)]
+    mixed = mixed[mixed > 0.0]
     assert mixed.min() >= 0.4 and mixed.max() <= 0.8
     assert np.mean(1 / mixed) == pytest.approx((1 / 0.4 + 1 / 0.8) / 2, abs=0.03)
-    border = images[:, :, 299][np.isfinite(images[:, :, 299])]
+    border = images[:, :, 299][images[:, :, 299] > 0.0]
     assert border.min() >= 0.8 - 1e-9 and border.max() > 1.0
 
 
@@ -168,7 +168,7 @@ def test_behind_something_too_near_pixels_fly_towards_it():
     )
     ring = np.zeros(SHAPE, dtype=bool)
     ring[80:160, [99, 200]] = ring[[79, 160], 100:200] = True
-    seen = images[:, ring][np.isfinite(images[:, ring])]
+    seen = images[:, ring][images[:, ring] > 0.0]
     flying = seen[np.abs(seen - 0.8) > 1e-9]
     assert len(flying) / images[:, ring].size == pytest.approx(0.3, abs=0.05)
     assert flying.min() >= NEAR and flying.max() < 0.8
@@ -262,7 +262,7 @@ def test_motion_blur_widens_the_edges(blur):
     reliable = DepthNoise(
         subpixel=0.0, disparity_step=0.0, depth_step=0.0, flying=0.0, edge_missing=1.0
     )
-    lost = {b: np.isinf(noise_of(reliable, b).apply(depth, INTRINSICS, rng())) for b in (0.0, blur)}
+    lost = {b: noise_of(reliable, b).apply(depth, INTRINSICS, rng()) == 0.0 for b in (0.0, blur)}
     inside = np.s_[80:160, 100:200]
     widths = {b: np.flatnonzero(~lost[b][inside][40])[0] for b in lost}
     assert widths == {0.0: 1, blur: 1 + blur}
@@ -284,7 +284,7 @@ def test_smeared_pixels_fly_between_the_two_surfaces():
 
 def test_images_are_dropped_whole():
     depth, noise = np.full((4, 5), 0.5), DepthNoise(dropped=0.3)
-    dropped = [np.isinf(noise.apply(depth, INTRINSICS, rng(seed))).all() for seed in range(400)]
+    dropped = [not noise.apply(depth, INTRINSICS, rng(seed)).any() for seed in range(400)]
     assert np.mean(dropped) == pytest.approx(0.3, abs=0.07)
     kept = [seed for seed in range(400) if not dropped[seed]]
     for seed in kept[:5]:  # the others are as they are without
