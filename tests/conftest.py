@@ -4,6 +4,7 @@ import errno
 import os
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 from feasigrasp import outputs
@@ -11,6 +12,9 @@ from feasigrasp import outputs
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+# Tests assert no timings.
+hypothesis.settings.register_profile("untimed", deadline=None)
+hypothesis.settings.load_profile("untimed")
 
 
 @pytest.fixture(scope="session")

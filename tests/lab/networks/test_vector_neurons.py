@@ -48,7 +48,7 @@ def equivariance_error(layer, seed):
 
 @pytest.mark.parametrize("name", LAYERS)
 @given(seed=st.integers(0, 2**31 - 1))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_layers_turn_with_their_input(name, seed):
     assert equivariance_error(made(name), seed) < 1e-12
 

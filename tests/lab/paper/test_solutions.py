@@ -42,7 +42,7 @@ def placed(solutions, X_WO):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_where_the_object_is_still_the_configurations_are_what_they_were(seed):
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1, 1, (5, 7)) * (IIWA_7.position_limits - IIWA_7.position_margin)
@@ -53,7 +53,7 @@ def test_where_the_object_is_still_the_configurations_are_what_they_were(seed):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_they_reach_their_grasps_wherever_the_object_goes(seed):
     rng = np.random.default_rng(seed)
     q, X_WO = rng.uniform(-1, 1, (8, 7)) * IIWA_7.position_limits, se3.random_pose(rng, 1)[0]
