@@ -2,7 +2,13 @@
 
 import errno
 import os
+from contextlib import suppress
 from pathlib import Path
+
+# PyTorch for CUDA brings triton, and loads it with the first optimizer. Its LLVM ends the process
+# where that of Mesa, which renders, was loaded before.
+with suppress(ImportError):
+    import triton  # noqa: F401
 
 import hypothesis
 import pytest
