@@ -12,6 +12,7 @@ import re
 import sys
 from collections.abc import Iterator
 from importlib import import_module
+from inspect import cleandoc
 from pathlib import Path
 from types import ModuleType
 
@@ -106,8 +107,8 @@ def public_names() -> Iterator[str]:
 
 def described(kind: type) -> dict[str, str]:
     """What the ``Attributes:`` of a docstring says of each field."""
-    text = (kind.__doc__ or "").partition("Attributes:")[2]
-    found = re.findall(r"^ {8}(\w+): (.*?)(?=^ {8}\w+: |\Z)", text, re.DOTALL | re.MULTILINE)
+    text = cleandoc(kind.__doc__ or "").partition("Attributes:")[2]
+    found = re.findall(r"^ {4}(\w+): (.*?)(?=^ {4}\w+: |\Z)", text, re.DOTALL | re.MULTILINE)
     return {name: " ".join(meaning.split()).replace("``", "`") for name, meaning in found}
 
 
