@@ -9,8 +9,8 @@ import os
 
 from feasigrasp.one_thread import THREAD_VARIABLES
 
-# Before they are loaded: libraries would start one thread per processor in each of the processes.
-os.environ.update(dict.fromkeys((*THREAD_VARIABLES, "NUMBA_NUM_THREADS"), "1"))
+# Before they are loaded: libraries, and Mesa (LP_), would start threads, which forking leaves out.
+os.environ.update(dict.fromkeys((*THREAD_VARIABLES, "NUMBA_NUM_THREADS"), "1"), LP_NUM_THREADS="0")
 
 from feasigrasp.resources import diagram_path  # noqa: E402
 from feasigrasp.runs.results.provenance import git_revision  # noqa: E402
@@ -20,8 +20,8 @@ from feasigrasp.scenario.files import load_scenario  # noqa: E402
 git_revision()  # remembered: that of the code which has just been loaded
 file = diagram_path("dynamic.scenarios.yaml")
 run(load_scenario(file, "ReachLinearMocap", "{simulation_duration: 0.1}"))
-# What is left of that run goes, with the threads of its renderer: a forked process has none of
-# them, and would wait for them at its first image. (Tracebacks of compiling keep it alive.)
+# What is left of that run goes, with its renderer if Drake lets it (1.58 does not): a forked
+# process would wait for threads of it at its first image. (Tracebacks of compiling keep it alive.)
 gc.unfreeze()
 gc.collect()
 gc.freeze()  # the processes share what is never touched
