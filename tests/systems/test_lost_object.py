@@ -61,7 +61,7 @@ def test_with_the_camera_alone_it_looks_for_the_object_and_goes_on_when_it_is_ba
     p_CO = X_WC.inverse() @ X_WB.translation()
     assert 0.15 < p_CO[2] < 0.6
     assert np.all(np.abs(p_CO[:2]) < np.tan(np.deg2rad([43.5, 29.0])) * p_CO[2])
-    simulator.AdvanceTo(start + duration + 2.0)
+    simulator.AdvanceTo(start + duration + 1.0)
     monitor = diagram.GetSubsystemByName("status")
     history = monitor.history(monitor.GetMyContextFromRoot(context))
     times = {status.code: status.time for status in history}
