@@ -167,19 +167,21 @@ class _Commands:
     """Whether anybody commands the arm."""
 
     def __init__(self, lcm: DrakeLcm) -> None:
-        self._received = False
+        self._received, self._last = False, 0.0
         self._subscription = lcm.Subscribe(channels.IIWA_COMMAND, self._receive)
 
     def _receive(self, _: bytes) -> None:
         self._received = True
 
     def expect(self, time_: float) -> None:
-        """Raises an error without commands, this long after the start [s]."""
-        if not self._received and time_ > WAIT_FOR_GUARD:
+        """Raises an error after so long without commands, at a time since the start [s]."""
+        if self._received:
+            self._received, self._last = False, time_
+        if time_ - self._last > WAIT_FOR_GUARD:
             raise HardwareError(
                 f"no message on {channels.IIWA_COMMAND} for {WAIT_FOR_GUARD:g} s: no guard does "
-                "what this controller asks for; start 'feasigrasp guard' on the computer of the "
-                "arm's driver, with the same --lcm-url, or leave out --no-guard"
+                "what this controller asks for; see what 'feasigrasp guard' said, and start it on "
+                "the computer of the arm's driver, with the same --lcm-url, or leave out --no-guard"
             )
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 
-import numpy as np
 from drake import lcmt_iiwa_status, lcmt_image_array
 from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
@@ -15,16 +15,22 @@ from pydrake.systems.framework import Diagram
 
 from feasigrasp.errors import HardwareError
 from feasigrasp.models.control.safety.command_guard import CommandGuard
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import Connect, make_dynamic_grasp
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.decode import decode
 from feasigrasp.systems.hardware.station import HardwareStation
 from feasigrasp.systems.remote.remote_stage import remote_stages
 
 #: Every message begins with the fingerprint of its type, of 8 bytes; then comes the time stamp
 #: [us], but for images, which have a running number of 4 bytes before it. Source: definition: LCM.
 _FINGERPRINT, _NUMBER, _STAMP = 8, 4, struct.Struct(">q")
+#: How far a stamp may be ahead of the last one and the time since [s], and ahead of the last arm
+#: status at all: the pipeline would have to make up for more. Source: reasoned.
+AHEAD, FARTHEST = 0.25, 1.0
+#: A sender whose messages were out of step for so long, and so many, has set its clock [s, 1].
+#: Source: guessed.
+SET_AFTER, SET_COUNT = 0.5, 5
 
 
 class Intake:
@@ -38,6 +44,7 @@ class Intake:
 
     Attributes:
         dropped: How many messages were not used, by channel.
+        clock_set: By how much the clock of the arm's driver was set [s]; None if it was not.
         zero: The time stamp that is zero of the diagram's clock [us]; what is handed on is stamped
             relative to it.
     """
@@ -58,6 +65,9 @@ class Intake:
         }
         self._newest: dict[str, bytes] = {}
         self._utime: dict[str, int] = {}
+        #: When the last message of a channel that was used came [s], and how many were not since.
+        self._used: dict[str, tuple[float, int]] = {}
+        self.clock_set: float | None = None
         self._statuses: deque[tuple[int, bytes]] = deque()
         self.dropped: Counter[str] = Counter()
         self._subscriptions = [
@@ -91,35 +101,41 @@ class Intake:
         self._inbox.HandleSubscriptions(0)
 
     def _taker(self, channel: str, kind: type) -> Callable[[bytes], None]:
-        fingerprint = kind._get_packed_fingerprint()  # type: ignore[attr-defined]
-
         def take(data: bytes) -> None:
-            at = self._stamp_at[channel]
-            whole = len(data) >= at + _STAMP.size and data.startswith(fingerprint)
+            message = decode(kind, data)
+            stamped = message.header if isinstance(message, lcmt_image_array) else message
             # The arm's driver sends -1 until its clock and the robot's are synchronized.
-            utime = _STAMP.unpack_from(data, at)[0] if whole else -1
-            usable = utime > self._utime.get(channel, -1)
-            if usable and kind is lcmt_iiwa_status:
-                usable = _has_positions(data)
-            if not usable:
+            if message is None or stamped.utime < 0 or not self._in_step(channel, stamped.utime):
                 self.dropped[channel] += 1
                 return
-            self._utime[channel] = utime
+            self._utime[channel] = stamped.utime
             if kind is lcmt_iiwa_status:
-                self._statuses.append((utime, data))
+                self._statuses.append((stamped.utime, data))
             else:
                 self._newest[channel] = data
 
         return take
 
+    def _in_step(self, channel: str, utime: int) -> bool:
+        """Whether a stamp [us] follows on the last one of its channel, as far as time has passed.
 
-def _has_positions(data: bytes) -> bool:
-    """Whether a status is whole and has the positions of all joints."""
-    try:
-        measured = lcmt_iiwa_status.decode(data).joint_position_measured
-    except (ValueError, struct.error):
-        return False
-    return len(measured) == IIWA_7.joints and bool(np.isfinite(measured).all())
+        Of the arm's driver, whose clock is that of the run, a clock that was set is noted.
+        """
+        now = time.monotonic()
+        used, unused = self._used.get(channel, (now, 0))
+        passed = 1e-6 * (utime - self._utime.get(channel, utime - 1))
+        arm = channel == channels.IIWA_STATUS
+        if 0.0 < passed <= min(AHEAD + now - used, FARTHEST if arm else math.inf):
+            self._used[channel] = now, 0
+            return True
+        self._used[channel] = used, unused + (passed != 0.0)
+        if now - used < SET_AFTER or unused < SET_COUNT or passed == 0.0:
+            return False
+        if arm:
+            self.clock_set = passed
+            return False
+        self._used[channel] = now, 0
+        return True
 
 
 class ControlLoop:
@@ -172,7 +188,7 @@ class ControlLoop:
             timeout: How long to wait at most [s].
 
         Raises:
-            HardwareError: None came.
+            HardwareError: None came, or the driver's clock was set.
         """
         utime: int | None = self._wait(timeout)
         while utime is not None:
@@ -215,6 +231,11 @@ class ControlLoop:
         deadline = time.monotonic() + timeout
         self.intake.receive(0.0)
         while (utime := self.intake.oldest()) is None:
+            if (by := self.intake.clock_set) is not None:
+                raise HardwareError(
+                    f"stamps on {channels.IIWA_STATUS} jump by {by:+.3g} s: the clock of the arm's "
+                    "driver was set, or this program was stopped meanwhile; start it again"
+                )
             if time.monotonic() >= deadline:
                 dropped = self.intake.dropped[channels.IIWA_STATUS]
                 of_no_use = f"; {dropped} came that were of no use" if dropped else ""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
-import struct
 import time
+from collections import Counter, OrderedDict
 from collections.abc import Callable
 
 import numpy as np
@@ -16,31 +17,52 @@ from feasigrasp.errors import HardwareError
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.decode import decode
 from feasigrasp.systems.hardware.priority import DRIVER, real_time
 
 #: For so long a guard listens whether there is another one [s]. Source: guessed.
 LISTENS = 0.1
+#: How many of its commands it remembers, and how many in a row that come twice are of another
+#: sender that does the same. Source: guessed.
+KEPT, DOUBLED = 64, 10
 _RIVAL = (
     f"messages on {channels.IIWA_COMMAND}: somebody commands this arm already; with a 'feasigrasp "
     "guard' that serves, give --no-guard to the controller"
 )
+_CONTESTED = (
+    f"messages on {channels.IIWA_REQUEST} of two controllers: the arm was braked; end one of them, "
+    "and start 'feasigrasp guard' again"
+)
+#: Signals that have their usual effect: those that cannot be caught, do nothing by default, or say
+#: that this process itself is broken.
+_USUAL = {"KILL", "STOP", "CHLD", "CONT", "URG", "WINCH", "SEGV", "BUS", "FPE", "ILL", "PIPE"}
 
 
 class Guard:
-    """Listens to the arm's driver and to a controller, and commands the arm."""
+    """Listens to the arm's driver and to a controller, and commands the arm.
 
-    def __init__(self, lcm: DrakeLcm, speed: float = 1.0) -> None:
+    Attributes:
+        dropped: How many messages could not be used, by channel.
+    """
+
+    def __init__(
+        self, lcm: DrakeLcm, speed: float = 1.0, clock: Callable[[], float] | None = None
+    ) -> None:
         """A guard on the bus that driver and controller are on.
 
         Args:
             lcm: The bus.
             speed: Share of the arm's velocity limits that may be used, in (0, 1].
+            clock: Monotonic clock [s]; the arm goes no farther than the time that it shows.
         """
-        self._lcm = lcm
+        self._lcm, self._clock = lcm, clock or time.monotonic
         self._guard = CommandGuard(channels.IIWA_PERIOD, speed)
-        self._utime, self._dismissed = -1, False
-        self._reported, self._received, self._rival = 0, 0, False
-        self._answered_at = time.monotonic()
+        self.dropped: Counter[str] = Counter()
+        self._dismissed, self._rival = False, False
+        #: The last commands, and how often each was received; how many came twice in a row.
+        self._sent: OrderedDict[bytes, int] = OrderedDict()
+        self._doubled = 0
+        self._answered_at = self._clock()
         self._subscriptions = [
             lcm.Subscribe(channels.IIWA_REQUEST, self._request),
             lcm.Subscribe(channels.IIWA_STATUS, self._answer),
@@ -53,60 +75,78 @@ class Guard:
         It never leaves an arm that moves, unless there is no driver any more.
 
         Raises:
-            HardwareError: Somebody commands the arm already.
+            HardwareError: Somebody else commands the arm, or requests positions, or the arm's
+                driver is none that can be served.
         """
         while not self._wanted_to_end() or self._in_charge():
             self._lcm.HandleSubscriptions(100)
-            if self._rival:
-                raise HardwareError(_RIVAL)
+        if error := self._error():
+            raise HardwareError(error)
 
     def end(self, *_: object) -> None:
         """Ends the service: the arm brakes, whatever is requested, and then it is over."""
         self._dismissed = True
 
+    def _error(self) -> str:
+        if self._rival:
+            return _RIVAL
+        if self._guard.contested:
+            return _CONTESTED
+        return self._guard.refused and f"{channels.IIWA_STATUS} {self._guard.refused}"
+
     def _wanted_to_end(self) -> bool:
         owner = multiprocessing.parent_process()
-        return self._dismissed or (owner is not None and not owner.is_alive())
+        orphan = owner is not None and not owner.is_alive()
+        return self._dismissed or orphan or bool(self._error())
 
     def _in_charge(self) -> bool:
         """Whether the arm moves, and its driver listens."""
-        return self._guard.moving and time.monotonic() - self._answered_at < 1.0
+        return self._guard.moving and self._clock() - self._answered_at < 1.0
 
-    def _receive(self, _: bytes) -> None:
-        # It receives its own messages, too: more than that is another sender's. Only at rest: who
-        # commands an arm that moves does not leave it.
-        self._received += 1
-        self._rival |= self._received > self._reported and not self._guard.moving
+    def _receive(self, data: bytes) -> None:
+        # It receives its own messages, too. What it has not sent is another sender's; so is what
+        # comes twice each time, from one that does the same.
+        if data not in self._sent:
+            self._rival = True
+            return
+        self._sent[data] += 1
+        if self._sent[data] == 2:
+            self._doubled += 1
+            self._rival |= self._doubled >= DOUBLED
 
     def _request(self, data: bytes) -> None:
-        if self._dismissed:
+        if self._dismissed or self._rival:
             return
-        try:
-            request = lcmt_iiwa_command.decode(data)
-        except (ValueError, struct.error):  # of another program, or cut off
+        request = decode(lcmt_iiwa_command, data)
+        if request is None:
+            self.dropped[channels.IIWA_REQUEST] += 1
             return
-        self._guard.request(1e-6 * request.utime, np.array(request.joint_position))
+        q = np.array(request.joint_position)
+        self.dropped[channels.IIWA_REQUEST] += not self._guard.request(1e-6 * request.utime, q)
 
     def _answer(self, data: bytes) -> None:
-        try:
-            status = lcmt_iiwa_status.decode(data)
-        except (ValueError, struct.error):
+        status = decode(lcmt_iiwa_status, data)
+        if status is None or status.utime < 0:
+            self.dropped[channels.IIWA_STATUS] += 1
             return
-        measured = np.array(status.joint_position_measured)
-        usable = len(measured) == IIWA_7.joints and np.isfinite(measured).all()
-        late = 0 <= self._utime - status.utime < 1e6 * CommandGuard.SILENCE
-        if not usable or status.utime < 0 or late:
-            return
-        self._utime = status.utime
-        q = self._guard.command(1e-6 * status.utime, measured)
+        measured, held = (
+            np.array(each)
+            for each in (status.joint_position_measured, status.joint_position_commanded)
+        )
+        q = self._guard.command(1e-6 * status.utime, measured, held, self._clock())
         if q is None:
             return
         command = lcmt_iiwa_command()
         command.utime, command.num_joints = status.utime, IIWA_7.joints
         command.joint_position = q.tolist()
-        self._reported += 1
-        self._lcm.Publish(channels.IIWA_COMMAND, command.encode())
-        self._answered_at = time.monotonic()
+        encoded = command.encode()
+        if self._sent and next(reversed(self._sent.values())) < 2:
+            self._doubled = 0
+        self._sent[encoded] = 0
+        if len(self._sent) > KEPT:
+            self._sent.popitem(last=False)
+        self._lcm.Publish(channels.IIWA_COMMAND, encoded)
+        self._answered_at = self._clock()
 
 
 def refuse_if_commanded(lcm: DrakeLcm) -> None:
@@ -126,26 +166,29 @@ def refuse_if_commanded(lcm: DrakeLcm) -> None:
 
 
 def main(url: str, begun: Callable[[], None], *, speed: float = 1.0, alone: bool = False) -> None:
-    """Process of a guard; SIGTERM ends it as soon as its arm rests.
+    """Process of a guard; any signal that ends processes ends it as soon as its arm rests.
 
     Args:
         url: Where driver and controller are.
         begun: Called when it serves.
         speed: Share of the arm's velocity limits that may be used, in (0, 1].
         alone: Whether no controller has started it: then it serves one after the other, and Ctrl-C
-            is meant for it.
+            is meant for it. Else it leaves the terminal, whose signals are the controller's.
 
     Raises:
         HardwareError: Somebody commands the arm already.
     """
+    if not alone:
+        os.setsid()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _warm_up()
     lcm = channels.open_lcm(url)
     refuse_if_commanded(lcm)
     guard = Guard(lcm, speed)
-    signal.signal(signal.SIGTERM, guard.end)
-    if alone:
-        signal.signal(signal.SIGINT, guard.end)
+    for number in signal.valid_signals() - {getattr(signal, f"SIG{n}", 0) for n in _USUAL}:
+        signal.signal(number, guard.end)
+    for name in ("SIGTTIN", "SIGTTOU") if alone else ("SIGTTIN", "SIGTTOU", "SIGINT"):
+        signal.signal(getattr(signal, name), signal.SIG_IGN)
     with real_time(DRIVER):
         begun()
         guard.serve()

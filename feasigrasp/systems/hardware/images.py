@@ -22,6 +22,7 @@ from pydrake.systems.sensors import (
 )
 
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.decode import pixels
 from feasigrasp.systems.ports import declare_cache, declare_input, declare_output, weakly
 from feasigrasp.systems.station.station import Station
 
@@ -62,7 +63,7 @@ class RgbdReceiver(LeafSystem):
     def _decode(self, context: Context) -> dict[int, NDArray[np.generic]]:
         """The images of the message that can be used, by pixel format."""
         images = self._message.Eval(context).images
-        arrays = {image.pixel_format: _array(image, self._shape) for image in images}
+        arrays = {image.pixel_format: pixels(image, self._shape) for image in images}
         return {key: array for key, array in arrays.items() if array is not None}
 
     def _calc_depth(self, context: Context) -> ImageDepth32F:
@@ -85,28 +86,6 @@ class RgbdReceiver(LeafSystem):
     def _calc_stamp(self, context: Context, output) -> None:
         message = self._message.Eval(context)
         output.SetAtIndex(0, 1e-6 * message.header.utime if message.num_images else np.nan)
-
-
-_TYPES = {
-    lcmt_image.CHANNEL_TYPE_UINT16: np.dtype("<u2"),
-    lcmt_image.CHANNEL_TYPE_INT16: np.dtype("<i2"),
-}
-
-
-def _array(image: lcmt_image, shape: tuple[int, int]) -> NDArray[np.generic] | None:
-    """The pixels of a message, shape (height, width); None if they are not as expected."""
-    kind = _TYPES.get(image.channel_type)
-    if kind is None or image.bigendian or (image.height, image.width) != shape:
-        return None
-    data = bytes(image.data)
-    try:
-        if image.compression_method == lcmt_image.COMPRESSION_METHOD_ZLIB:
-            data = zlib.decompress(data)
-        elif image.compression_method != lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED:
-            return None
-        return np.frombuffer(data, kind).reshape(shape)
-    except (zlib.error, ValueError):  # cut off
-        return None
 
 
 def publish_images(

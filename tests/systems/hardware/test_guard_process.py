@@ -121,7 +121,8 @@ def test_whoever_had_a_policy_has_it_again(monkeypatch):
 def test_one_that_is_told_to_end_brakes_whatever_is_requested():
     bus, sent = DrakeLcm("memq://"), []
     listening = bus.Subscribe(channels.IIWA_COMMAND, sent.append)
-    guard, q = Guard(bus), np.zeros(7)
+    k, q = 0, np.zeros(7)
+    guard = Guard(bus, clock=lambda: k * channels.IIWA_PERIOD)
     for k in range(400):
         if k == 200:
             assert guard._guard.moving
@@ -154,7 +155,8 @@ def test_where_somebody_commands_already_it_does_not_begin(alone):
 
 def test_two_that_wait_for_the_same_driver_find_each_other():
     bus = DrakeLcm("memq://")
-    guards = [Guard(bus), Guard(bus)]
+    k = 0
+    guards = [Guard(bus, clock=lambda: k * channels.IIWA_PERIOD) for _ in range(2)]
     for k in range(100):
         bus.Publish(channels.IIWA_STATUS, a_status(k, np.zeros(7)))
         while bus.HandleSubscriptions(0):

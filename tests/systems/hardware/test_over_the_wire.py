@@ -1,6 +1,7 @@
 """Cell, guard and controller in one process, in lock-step over a bus inside it."""
 
 import copy
+import itertools
 
 import numpy as np
 import pytest
@@ -32,14 +33,14 @@ def wire():
     scenario = load_scenario(
         diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", None, inline
     )
-    lcm, sent = DrakeLcm("memq://"), {}
+    lcm, sent, time = DrakeLcm("memq://"), {}, 0.0
     simulator = Simulator(make_simulated_cell(scenario, lcm))
-    loop, guard = ControlLoop(scenario, lcm, add_run_log), Guard(lcm)
+    loop, guard = ControlLoop(scenario, lcm, add_run_log), Guard(lcm, clock=lambda: time)
     station = simulator.get_system().GetSubsystemByName("station")
     listening = lcm.SubscribeAllChannels(
         lambda channel, data: sent.setdefault(channel, []).append((time, data))
     )
-    time, errors, cameras = 0.0, [], []
+    errors, cameras = [], []
     tracker = loop.diagram.GetSubsystemByName("tracker")
     simulator.Initialize()
     for k in range(1, 301):
@@ -239,7 +240,8 @@ def test_the_camera_stands_off_where_it_is_believed_by_the_error_of_its_calibrat
 def test_the_guard_outlives_messages_that_are_cut_off():
     """It has to outlive the controller: without it the driver keeps the last command for ever."""
     lcm = DrakeLcm("memq://")
-    guard, answers = Guard(lcm), []
+    ticks = itertools.count()
+    guard, answers = Guard(lcm, clock=lambda: next(ticks) * channels.IIWA_PERIOD), []
     listening = lcm.Subscribe(channels.IIWA_COMMAND, answers.append)
     lcm.Publish(channels.IIWA_STATUS, an_iiwa_status(0)[:40])
     request = lcmt_iiwa_command()

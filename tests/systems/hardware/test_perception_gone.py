@@ -32,10 +32,10 @@ class Bench:
         )
         lcm = DrakeLcm("memq://")
         self.cell = Simulator(make_simulated_cell(scenario, lcm))
-        self.loop, self.guard = ControlLoop(scenario, lcm), Guard(lcm)
+        self.loop, self.ticks = ControlLoop(scenario, lcm), 0
+        self.guard = Guard(lcm, clock=lambda: self.ticks * channels.IIWA_PERIOD)
         self.perception = self.loop.diagram.GetSubsystemByName("perception")
         self.cell.Initialize()
-        self.ticks = 0
 
     def step(self):
         self.ticks += 1

@@ -9,11 +9,14 @@ with is then a position at rest.
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.safety.driver_clock import SHORTEST, DriverClock, Tick
 from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel
 from feasigrasp.models.quantities import Positive, PositiveShare
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -22,12 +25,15 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 class CommandGuard:
     """Follows requested positions within the limits, and brakes when there are none.
 
-    Its clock is that of the arm's status messages. It begins `START_AFTER` seconds after the first
-    of them, at the measured position, and again whenever they have been missing.
+    It takes one step in every cycle of the driver (`DriverClock`). It begins `START_AFTER` seconds
+    after the first status message, at the position that the driver holds, and again when they have
+    been missing for `SILENCE`. Where cycles were left out, it goes on from rest.
 
     Attributes:
         moving: Whether any joint is still commanded to move.
         received: Whether there is a request that is not too old.
+        contested: Whether two controllers request positions.
+        refused: Why the driver is not served; empty if it is.
     """
 
     #: The driver stops for good when it is commanded sooner than 0.25 s after its first status [s].
@@ -46,81 +52,128 @@ class CommandGuard:
     MAX_DISTANCE = 0.25
     #: The command waits for the arm when it is this much ahead of it [rad].
     MAX_LEAD = 0.10
+    #: Controllers' clocks run as the driver's: a request whose stamp is off by more is another's,
+    #: and three of those within `DEADLINE` are another controller [s].
+    MAX_DRIFT = 0.1
 
     @checked(ControlError)
     def __init__(self, period: Positive, speed: PositiveShare = 1.0) -> None:
-        """A guard that commands every ``period`` seconds.
+        """A guard that commands in every cycle of a driver.
 
         Args:
-            period: Between commands [s].
+            period: Of the driver, until it is measured [s].
             speed: Share of the velocity limits that may be used, in (0, 1].
 
         Raises:
             ControlError: Another period or speed.
         """
-        self._period, self._speed = period, speed
-        self._q, self._v = np.zeros(IIWA_7.joints), np.zeros(IIWA_7.joints)
-        self._time = self._since = self._received_at = -np.inf
+        self._clock, self._speed = DriverClock(period, self.SILENCE), speed
+        self._q, self._v = np.full(IIWA_7.joints, np.nan), np.zeros(IIWA_7.joints)
+        # By the driver's cycles; stamps of requests are of the clock of whoever sends them.
+        self._time, self._since, self._received_at = 0.0, 0.0, -np.inf
         self._requested, self._rate = np.zeros(IIWA_7.joints), np.zeros(IIWA_7.joints)
         self._stamp = -np.inf
-        self.moving = self.received = False
+        self._ahead: float | None = None
+        self._recent: dict[float, bytes] = {}
+        self._others: deque[float] = deque(maxlen=3)
+        self._starting = True
+        self.moving = self.received = self.contested = False
+        self.refused = ""
 
     def request(self, stamp: float, q: Array) -> bool:
-        """Accepts requested positions; returns whether they are valid.
+        """Accepts requested positions; returns whether they are used.
 
-        One that is not finite is none, nor is one that is not later than the last, unless there has
-        been none for so long that another controller has begun.
+        Not used are those that are not finite, not later than the last, or not of the controller
+        that is served. That has to be silent for `SILENCE` before another one is served.
 
         Args:
             stamp: When, by the controller's clock [s].
             q: Positions [rad], shape (7,).
         """
-        if np.shape(q) != (IIWA_7.joints,) or not np.isfinite(q).all():
+        if np.shape(q) != (IIWA_7.joints,) or not np.isfinite(q).all() or not np.isfinite(stamp):
             return False
-        step = stamp - self._stamp
-        if step <= 0.0 and self._time - self._received_at <= self.SILENCE:
+        q = np.array(q, dtype=float)
+        ahead, step = stamp - self._time, stamp - self._stamp
+        if self._time - self._received_at > self.SILENCE:
+            self._ahead = None
+        if self._ahead is None:  # one that begins, or whose clock was set
+            self._ahead, step = ahead, np.inf
+            self._recent.clear()
+        sent = self._recent.get(stamp, q.tobytes())
+        strange = abs(ahead - self._ahead) > self.MAX_DRIFT or 0.0 < abs(step) < 0.5 * SHORTEST
+        if strange or sent != q.tobytes():
+            self._others.append(self._time)
+            full = len(self._others) == self._others.maxlen
+            self.contested |= full and self._time - self._others[0] <= self.DEADLINE
             return False
-        known = 0.0 < step <= self.SILENCE
-        self._rate = (q - self._requested) / step if known else np.zeros(IIWA_7.joints)
-        self._requested, self._stamp = np.array(q, dtype=float), stamp
-        self._received_at = self._time
+        if step <= 0.0:
+            return False
+        self._ahead += 0.01 * (ahead - self._ahead)
+        self._rate = (q - self._requested) / step  # 0 of the first
+        self._requested, self._stamp, self._received_at = q, stamp, self._time
+        self._recent[stamp] = q.tobytes()
+        if len(self._recent) > 64:
+            del self._recent[next(iter(self._recent))]
         return True
 
-    def command(self, time: float, measured: Array) -> Array | None:
-        """The positions to send at a time; None while nothing may be sent.
+    def command(
+        self,
+        time: float,
+        measured: Array,
+        held: Array | None = None,
+        now: float | None = None,
+    ) -> Array | None:
+        """The positions to send at a status message; None if nothing may be sent.
 
         Args:
-            time: Of the status message [s].
+            time: Stamp of the message [s].
             measured: Measured positions [rad], shape (7,).
+            held: Positions that the driver holds by its message [rad], shape (7,).
+            now: This computer's monotonic clock [s]; without it stamps alone count.
         """
-        if not 0.0 <= time - self._time <= self.SILENCE:
-            self._since, self._received_at = time, -np.inf
-            self._q, self._v = np.array(measured, dtype=float), np.zeros(IIWA_7.joints)
-        self._time = time
-        if time - self._since < self.START_AFTER:
-            self._q = np.array(measured, dtype=float)
+        tick = self._clock.tick(time, now)
+        self._time += self._clock.passed
+        if tick is Tick.BEGIN:
+            self._since, self._received_at, self.refused = self._time, -np.inf, ""
+            self._starting = True
+        if tick is Tick.STEPPED:
+            self._ahead = None
+        if tick in (Tick.BEGIN, Tick.GAP) or self._starting:
+            self._rest(measured, held)
+        if self._starting and self._time - self._since >= self.START_AFTER - 1e-9:
+            self._starting, self.refused = False, self._clock.measure()
+        if tick is Tick.NONE or self._starting or self.refused:
             return None
-        # One step, however long ago the last one was: the driver held its position meanwhile.
-        self._step(time, measured)
+        self._step(measured)
         return self._q.copy()
 
-    def _step(self, time: float, measured: Array) -> None:
-        age = time - self._received_at
+    def _rest(self, measured: Array, held: Array | None) -> None:
+        """Begins at the position that the driver holds, which is the last command if not said."""
+        self._v, self.moving = np.zeros(IIWA_7.joints), False
+        for q, within in ((held, self.MAX_DISTANCE), (self._q, self.MAX_LEAD)):
+            if q is not None and np.abs(q - measured).max() <= within:
+                self._q = np.array(q, dtype=float)
+                return
+        self._q = np.array(measured, dtype=float)
+
+    def _step(self, measured: Array) -> None:
+        # Of the time that passes by either clock.
+        period, age = self._clock.period * self._clock.rate, self._time - self._received_at
         near = np.abs(self._requested - measured).max() <= self.MAX_DISTANCE
-        self.received = bool(age <= self.DEADLINE + 1e-9 and near)
+        self.received = bool(age <= self.DEADLINE + 1e-9 and near and not self.contested)
         wish = np.zeros(IIWA_7.joints)
         if self.received:
             # What is sent now counts at the end of the period, like the request that is prolonged.
-            left = self._requested + (age - self._period) * self._rate - self._q
+            left = self._requested + (age - period) * self._rate - self._q
             limit = self.SPEED * self._speed * np.array(IIWA_7.velocity_limits)
-            rate, share = np.clip(self._rate, -limit, limit), self.SPEED_GAIN * self._period
+            rate, share = np.clip(self._rate, -limit, limit), self.SPEED_GAIN * period
             up = self._v + np.maximum(share * (limit - self._v), -self._v)
             down = self._v - np.maximum(share * (limit + self._v), self._v)
             wish = np.clip(
                 self._rate + self.GAIN * left, np.minimum(down, rate), np.maximum(up, rate)
             )
         q, v = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
-        bounds = self._period, self.MAX_LEAD, self._speed
+        bounds = period, self.MAX_LEAD, self._speed
         drive_step_kernel(self._q, self._v, wish, measured, bounds, q, v)
         self._q, self._v = q, v
         self.moving = bool(np.any(v != 0.0))

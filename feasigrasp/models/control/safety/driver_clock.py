@@ -1,0 +1,149 @@
+"""Counts the control cycles of an arm's driver, by its stamps and by this computer's clock.
+
+A driver in position mode takes one command in each of its cycles, and holds it for one cycle. One
+step of the commanded position per cycle therefore has the velocity that it is meant to have. A step
+per message has not: messages are lost, doubled, overtaken or forged, and clocks are set.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections import deque
+from enum import Enum, auto
+
+#: Periods of drivers that are served [s]. Source: data sheet: FRI has 1 to 10 ms.
+SHORTEST, LONGEST = 0.9e-3, 10.5e-3
+#: How far a stamp may be from the instant at which the next cycle is due [periods].
+#: Source: reasoned: a lost message makes 1.
+JITTER = 0.75
+#: A message that comes sooner after the last than this is one of a burst [periods].
+#: Source: reasoned: a driver that gets two commands in one cycle takes the second.
+BURST = 0.3
+#: A message that comes later after the last than this leaves cycles out, if its stamp does, too
+#: [usual intervals]. Source: reasoned: a lost message makes 2.
+LATE = 1.5
+#: A driver that begins with a clock faster than this computer's by more than the first ratio is
+#: refused; one that comes to it later is followed slowly from the second on, by the average over
+#: this number of cycles. Source: guessed.
+FAST, FASTER, AVERAGED = 0.75, 0.5, 200
+#: Share of the distance between a stamp and its instant that the next instant makes up for.
+#: Source: guessed.
+TRACKING = 0.5
+
+
+class Tick(Enum):
+    """What a status message means for the commands."""
+
+    #: No cycle: a copy, one that was overtaken, or one that came too soon.
+    NONE = auto()
+    #: The next cycle.
+    NEXT = auto()
+    #: The next cycle, and the driver's clock was set.
+    STEPPED = auto()
+    #: Cycles passed without a command: the driver has held its position.
+    GAP = auto()
+    #: The first message, or the first after a silence.
+    BEGIN = auto()
+
+
+class DriverClock:
+    """The cycle count of a driver.
+
+    Attributes:
+        period: Of the driver [s].
+        passed: How much driver's time the last message ended [s]; a clock that was set is not that.
+        rate: Time by this computer's clock in a unit of the driver's, at most 1.
+    """
+
+    def __init__(self, period: float, silence: float) -> None:
+        """A clock before the first message.
+
+        Args:
+            period: Of the driver, until `measure` [s].
+            silence: After a pause of so long another driver may have begun [s].
+        """
+        self.period, self.passed, self.rate = period, 0.0, 1.0
+        self._silence = silence
+        self._stamp = self._due = self._now = float("nan")
+        self._stamps: list[float] | None = []
+        self._intervals: deque[float] = deque(maxlen=9)
+        self._average, self._skipped = 1.0, False
+
+    def tick(self, stamp: float, now: float | None = None) -> Tick:
+        """What a status message means.
+
+        Args:
+            stamp: Its time stamp [s].
+            now: This computer's monotonic clock [s]; None counts by the stamps alone.
+        """
+        passed = stamp - self._stamp
+        late = passed if now is None else now - self._now
+        self.passed = 0.0
+        if passed == 0.0:
+            return Tick.NONE
+        if not late <= self._silence and not 0.0 < passed <= self._silence:
+            return self._begin(stamp, now)
+        if self._stamps is not None:
+            return self._first(stamp, late, now)
+        error = stamp - self._due
+        in_turn = abs(error) <= JITTER * self.period
+        usual = statistics.median(self._intervals) if now is not None else self.period
+        if now is None:
+            if not in_turn and 0.0 < passed < self.period:
+                return Tick.NONE
+        elif not in_turn and late < JITTER * usual:
+            return Tick.NONE
+        else:
+            self._now = now
+            self._intervals.append(late)
+            if late < BURST * self.period:
+                self._skipped, self.passed = True, self.period
+                self._stamp, self._due = stamp, (self._due if in_turn else stamp) + self.period
+                return Tick.NONE
+            self._average += (min(late / self.period, 2.0) - self._average) / AVERAGED
+            self.rate = min(1.0, self._average / FASTER)
+        left_out = not in_turn and passed > 0.0 and (now is None or late > LATE * usual)
+        gap, self._skipped = left_out or self._skipped, False
+        self.passed = max(passed, self.period) if gap else self.period
+        self._stamp = stamp
+        self._due = (self._due + TRACKING * error if in_turn else stamp) + self.period
+        return Tick.GAP if gap else Tick.NEXT if in_turn else Tick.STEPPED
+
+    def measure(self) -> str:
+        """Sets the period to that of the messages since `Tick.BEGIN`.
+
+        Returns:
+            Why such a driver is not served; empty if it is.
+        """
+        assert self._stamps is not None
+        self.period = round(statistics.median(self._stamps), 6)
+        self._stamps = None
+        self._due = self._stamp + self.period
+        interval = statistics.median(self._intervals) if self._intervals else self.period
+        if not SHORTEST <= self.period <= LONGEST:
+            return f"has a period of {1e3 * self.period:.3g} ms; set the driver to 1 to 10 ms"
+        if interval < FAST * self.period:
+            return (
+                f"has stamps {1e3 * self.period:.3g} ms apart, but comes every "
+                f"{1e3 * interval:.3g} ms; stamp it with the time in us"
+            )
+        return ""
+
+    def _begin(self, stamp: float, now: float | None) -> Tick:
+        self._stamp, self._stamps = stamp, []
+        self._now = 0.0 if now is None else now
+        self._intervals.clear()
+        self._average, self._skipped = 1.0, False
+        return Tick.BEGIN
+
+    def _first(self, stamp: float, late: float, now: float | None) -> Tick:
+        """Of the messages that the period is measured with."""
+        assert self._stamps is not None
+        self.passed = max(0.0, min(stamp - self._stamp, late))
+        if stamp > self._stamp:
+            self._stamps.append(stamp - self._stamp)
+        self._stamp = stamp
+        if now is not None:
+            self._intervals.append(late)
+            self._now = now
+        return Tick.NEXT
