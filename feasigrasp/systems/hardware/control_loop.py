@@ -7,6 +7,7 @@ import struct
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from drake import lcmt_iiwa_status, lcmt_image_array
 from pydrake.lcm import DrakeLcm
@@ -102,7 +103,7 @@ class Intake:
 
     def _taker(self, channel: str, kind: type) -> Callable[[bytes], None]:
         def take(data: bytes) -> None:
-            message = decode(kind, data)
+            message: Any = decode(kind, data)
             stamped = message.header if isinstance(message, lcmt_image_array) else message
             # The arm's driver sends -1 until its clock and the robot's are synchronized.
             if message is None or stamped.utime < 0 or not self._in_step(channel, stamped.utime):
@@ -129,10 +130,15 @@ class Intake:
             self._used[channel] = now, 0
             return True
         self._used[channel] = used, unused + (passed != 0.0)
-        if now - used < SET_AFTER or unused < SET_COUNT or passed == 0.0:
+        if (
+            self.clock_set is not None
+            or now - used < SET_AFTER
+            or unused < SET_COUNT
+            or passed == 0.0
+        ):
             return False
         if arm:
-            self.clock_set = passed
+            self.clock_set = passed - (now - used)
             return False
         self._used[channel] = now, 0
         return True

@@ -90,9 +90,9 @@ class Guard:
     def _error(self) -> str:
         if self._rival:
             return _RIVAL
-        if self._guard.contested:
-            return _CONTESTED
-        return self._guard.refused and f"{channels.IIWA_STATUS} {self._guard.refused}"
+        if self._guard.refused:
+            return f"{channels.IIWA_STATUS} {self._guard.refused}"
+        return _CONTESTED if self._guard.contested else ""
 
     def _wanted_to_end(self) -> bool:
         owner = multiprocessing.parent_process()

@@ -55,6 +55,8 @@ class CommandGuard:
     #: Controllers' clocks run as the driver's: a request whose stamp is off by more is another's,
     #: and three of those within `DEADLINE` are another controller [s].
     MAX_DRIFT = 0.1
+    #: Controllers request once per cycle; the last requests, so many, show it.
+    COUNTED = 7
 
     @checked(ControlError)
     def __init__(self, period: Positive, speed: PositiveShare = 1.0) -> None:
@@ -76,6 +78,7 @@ class CommandGuard:
         self._ahead: float | None = None
         self._recent: dict[float, bytes] = {}
         self._others: deque[float] = deque(maxlen=3)
+        self._unanswered = 0
         self._starting = True
         self.moving = self.received = self.contested = False
         self.refused = ""
@@ -92,6 +95,9 @@ class CommandGuard:
         """
         if np.shape(q) != (IIWA_7.joints,) or not np.isfinite(q).all() or not np.isfinite(stamp):
             return False
+        self._unanswered += 1
+        if self._unanswered > 2:  # statuses are missing: nothing is commanded, nor does time pass
+            return False
         q = np.array(q, dtype=float)
         ahead, step = stamp - self._time, stamp - self._stamp
         if self._time - self._received_at > self.SILENCE:
@@ -100,11 +106,14 @@ class CommandGuard:
             self._ahead, step = ahead, np.inf
             self._recent.clear()
         sent = self._recent.get(stamp, q.tobytes())
+        stamps = [*self._recent][1 - self.COUNTED :]
+        often = len(stamps) == self.COUNTED - 1 and step > 0.0 and not self._starting
+        often = often and stamp - stamps[0] < 0.75 * len(stamps) * self._clock.period
         strange = abs(ahead - self._ahead) > self.MAX_DRIFT or 0.0 < abs(step) < 0.5 * SHORTEST
-        if strange or sent != q.tobytes():
+        if strange or often or sent != q.tobytes():
             self._others.append(self._time)
-            full = len(self._others) == self._others.maxlen
-            self.contested |= full and self._time - self._others[0] <= self.DEADLINE
+            several = len(self._others) == self._others.maxlen
+            self.contested |= often or (several and self._time - self._others[0] <= self.DEADLINE)
             return False
         if step <= 0.0:
             return False
@@ -136,8 +145,10 @@ class CommandGuard:
         if tick is Tick.BEGIN:
             self._since, self._received_at, self.refused = self._time, -np.inf, ""
             self._starting = True
-        if tick is Tick.STEPPED:
+        if tick in (Tick.STEPPED, Tick.GAP):
             self._ahead = None
+        if tick is not Tick.NONE:
+            self._unanswered = 0
         if tick in (Tick.BEGIN, Tick.GAP) or self._starting:
             self._rest(measured, held)
         if self._starting and self._time - self._since >= self.START_AFTER - 1e-9:

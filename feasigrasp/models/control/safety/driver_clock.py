@@ -19,6 +19,9 @@ JITTER = 0.75
 #: A message that comes sooner after the last than this is one of a burst [periods].
 #: Source: reasoned: a driver that gets two commands in one cycle takes the second.
 BURST = 0.3
+#: A message that comes sooner than this, and whose stamp is early or out of turn, is of no cycle
+#: [usual intervals, periods]. Source: reasoned: between what messages and stamps are late by.
+EARLY = 0.75
 #: A message that comes later after the last than this leaves cycles out, if its stamp does, too
 #: [usual intervals]. Source: reasoned: a lost message makes 2.
 LATE = 1.5
@@ -91,7 +94,7 @@ class DriverClock:
         if now is None:
             if not in_turn and 0.0 < passed < self.period:
                 return Tick.NONE
-        elif not in_turn and late < JITTER * usual:
+        elif late < EARLY * usual and (error < (EARLY - 1.0) * self.period or not in_turn):
             return Tick.NONE
         else:
             self._now = now
@@ -102,7 +105,7 @@ class DriverClock:
                 return Tick.NONE
             self._average += (min(late / self.period, 2.0) - self._average) / AVERAGED
             self.rate = min(1.0, self._average / FASTER)
-        left_out = not in_turn and passed > 0.0 and (now is None or late > LATE * usual)
+        left_out = not in_turn and (passed > 0.0 if now is None else late > LATE * usual)
         gap, self._skipped = left_out or self._skipped, False
         self.passed = max(passed, self.period) if gap else self.period
         self._stamp = stamp
