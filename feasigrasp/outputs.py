@@ -1,4 +1,7 @@
-"""Writes files atomically; the folder is tested before the work begins."""
+"""Writes files atomically; the folder is tested before the work begins.
+
+Devices, pipes and other files that are not regular stay what they are: they are written into.
+"""
 
 from __future__ import annotations
 
@@ -32,12 +35,13 @@ def check_outputs(
             continue
         if filename.is_dir():
             raise OutputError(f"{option} {filename} is a folder; give a file in it")
-        check_folder(option, filename.parent)
+        if not _is_special(filename):
+            check_folder(option, filename.resolve().parent)
         if filename.exists() and filename.resolve() in inputs:
             source = inputs[filename.resolve()]
             raise OutputError(f"{option} would overwrite {filename}, which {source} reads")
         other = seen.setdefault(filename.resolve(), option)
-        if other != option:
+        if other != option and not _is_special(filename):
             raise OutputError(f"{other} and {option} are both {filename}; give two files")
 
 
@@ -63,6 +67,8 @@ def check_folder(option: str, folder: Path) -> None:
 def replacing(filename: str | Path) -> Iterator[BinaryIO]:
     """A file to write to that takes its name when it is whole; until then the old one stays.
 
+    A link stays a link: what it names is replaced.
+
     Args:
         filename: Its name; its folder is made if need be.
 
@@ -70,8 +76,13 @@ def replacing(filename: str | Path) -> Iterator[BinaryIO]:
         OutputError: It cannot be written, e.g. because the disk is full.
     """
     filename = Path(filename)
-    partial = filename.with_name(f"{filename.name}.{os.getpid()}.part")
     try:
+        if _is_special(filename):
+            with filename.open("wb") as file:
+                yield file
+            return
+        filename = filename.resolve()
+        partial = filename.with_name(f"{filename.name}.{os.getpid()}.part")
         try:
             filename.parent.mkdir(parents=True, exist_ok=True)
             with partial.open("wb") as file:
@@ -84,6 +95,12 @@ def replacing(filename: str | Path) -> Iterator[BinaryIO]:
         raise OutputError(
             f"{filename} cannot be written ({reason}); make room for it, or choose another place"
         ) from error
+
+
+def _is_special(filename: Path) -> bool:
+    """Whether a file is there that is not regular, such as ``/dev/stdout`` or a pipe."""
+    system = Path(os.path.abspath(filename)).parts[1:2]
+    return filename.exists() and (system in (("dev",), ("proc",)) or not filename.is_file())
 
 
 def write_text(filename: str | Path, text: str) -> None:

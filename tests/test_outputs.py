@@ -2,7 +2,9 @@
 
 import os
 import runpy
+import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -82,3 +84,38 @@ def test_commands_refuse_a_folder_that_cannot_be_written(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert cli.main(["evaluate", "dynamic", "--out", str(tmp_path / "file" / "out")]) == 2
     assert "--out: nothing can be written" in capsys.readouterr().err
+
+
+def test_what_is_no_regular_file_is_written_into(tmp_path):
+    """Devices and pipes stay what they are; of a link, the file that it names is replaced."""
+    master, slave = os.openpty()  # where no file can be made: old code must not replace a device
+    terminal = Path(os.ttyname(slave))
+    outputs.check_outputs({"--html": terminal})
+    outputs.write_text(terminal, "text")
+    assert os.read(master, 4) == b"text" and terminal.is_char_device()
+
+    pipe, read = tmp_path / "pipe", []
+    os.mkfifo(pipe)
+    reader = threading.Thread(target=lambda: read.append(pipe.read_text()))
+    reader.start()
+    outputs.check_outputs({"--html": pipe})
+    outputs.write_text(pipe, "text")
+    reader.join()
+    assert read == ["text"] and pipe.is_fifo()
+
+    (tmp_path / "there").mkdir()
+    for name, target in (("link", tmp_path / "there" / "file"), ("dangling", tmp_path / "new")):
+        if name == "link":
+            target.write_text("old")
+        link = tmp_path / name
+        link.symlink_to(target)
+        outputs.write_text(link, "text")
+        assert link.is_symlink() and target.read_text() == "text"
+    assert sorted(p.name for p in (tmp_path / "there").iterdir()) == ["file"]
+
+
+def test_an_output_to_the_console_goes_through_whatever_it_is_redirected_to(tmp_path):
+    script = "from feasigrasp.outputs import write_text; write_text('/dev/stdout', 'text')"
+    with (tmp_path / "file").open("wb") as file:
+        subprocess.run([sys.executable, "-c", script], stdout=file, check=True)
+    assert (tmp_path / "file").read_text() == "text"

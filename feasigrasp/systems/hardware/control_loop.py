@@ -28,7 +28,7 @@ from feasigrasp.systems.remote.remote_stage import remote_stages
 _FINGERPRINT, _NUMBER, _STAMP = 8, 4, struct.Struct(">q")
 #: How far a stamp may be ahead of the last one and the time since [s], and ahead of the last arm
 #: status at all: the pipeline would have to make up for more. Source: reasoned.
-AHEAD, FARTHEST = 0.25, 1.0
+AHEAD, FARTHEST = 0.25, 2.5
 #: A sender whose messages were out of step for so long, and so many, has set its clock [s, 1].
 #: Source: guessed.
 SET_AFTER, SET_COUNT = 0.5, 5
@@ -45,7 +45,8 @@ class Intake:
 
     Attributes:
         dropped: How many messages were not used, by channel.
-        clock_set: By how much the clock of the arm's driver was set [s]; None if it was not.
+        begun: Whether the run has begun: then the driver's clock must not be set any more.
+        clock_set: By how much the clock of the arm's driver was set since [s]; None if it was not.
         zero: The time stamp that is zero of the diagram's clock [us]; what is handed on is stamped
             relative to it.
     """
@@ -68,6 +69,7 @@ class Intake:
         self._utime: dict[str, int] = {}
         #: When the last message of a channel that was used came [s], and how many were not since.
         self._used: dict[str, tuple[float, int]] = {}
+        self.begun = False
         self.clock_set: float | None = None
         self._statuses: deque[tuple[int, bytes]] = deque()
         self.dropped: Counter[str] = Counter()
@@ -126,7 +128,8 @@ class Intake:
         used, unused = self._used.get(channel, (now, 0))
         passed = 1e-6 * (utime - self._utime.get(channel, utime - 1))
         arm = channel == channels.IIWA_STATUS
-        if 0.0 < passed <= min(AHEAD + now - used, FARTHEST if arm else math.inf):
+        farthest = min(AHEAD + now - used, FARTHEST if arm else math.inf)
+        if 0.0 < passed <= (farthest if self.begun else math.inf):
             self._used[channel] = now, 0
             return True
         self._used[channel] = used, unused + (passed != 0.0)
@@ -137,7 +140,7 @@ class Intake:
             or passed == 0.0
         ):
             return False
-        if arm:
+        if arm and self.begun:
             self.clock_set = passed - (now - used)
             return False
         self._used[channel] = now, 0
@@ -213,7 +216,7 @@ class ControlLoop:
 
     def _begin(self, utime: int) -> None:
         """Starts the pipeline, whose time is zero from now on."""
-        self.intake.zero, self.started = utime, True
+        self.intake.zero, self.intake.begun, self.started = utime, True, True
         self.intake.forward()
         self.simulator.Initialize()
 

@@ -125,6 +125,7 @@ def clock(monkeypatch):
 @pytest.mark.parametrize("ahead", [0.3, 1.0, 3600.0, 9e12])
 def test_a_single_stamp_far_ahead_is_dropped(bus, clock, ahead):
     """On every channel: the next message is used."""
+    bus[2].begun = True
     for channel in (channels.IIWA_STATUS, "images"):
         for k in range(1, 20):
             clock.now = 5e-3 * k
@@ -147,7 +148,7 @@ def a_message(channel, at):
 @pytest.mark.parametrize("by", [-3600.0, -1.0, 1.0, 3600.0])
 def test_a_clock_that_is_set_ends_a_run_with_words_and_a_camera_goes_on(bus, clock, by):
     loop = ControlLoop.__new__(ControlLoop)
-    loop.intake = bus[2]
+    loop.intake, bus[2].begun = bus[2], True
     for k in range(1, 300):
         clock.now = 5e-3 * k
         at = 4000.0 + clock.now + by * (k > 100)
@@ -161,6 +162,7 @@ def test_a_clock_that_is_set_ends_a_run_with_words_and_a_camera_goes_on(bus, clo
 
 
 def test_one_that_was_stopped_for_long_does_not_make_up_for_it(bus, clock):
+    bus[2].begun = True
     tell(bus, status(5000))
     clock.now = 3600.0
     assert tell(bus, status(3_600_005_000)) == [5000]
@@ -234,3 +236,12 @@ def test_malformed_messages_are_counted_and_the_next_one_is_used(bus):
     for data in (status(5)[:60], status(5) + b"\0", b"", status(10)):
         tell(bus, data)
     assert bus[3] == [10] and bus[2].dropped[channels.IIWA_STATUS] == 3
+
+
+def test_before_a_run_begins_any_clock_is_taken(bus, clock):
+    """What came while nobody listened is old."""
+    assert tell(bus, status(5000), status(900_000_000)) == [5000, 900_000_000]
+    for k in range(1, 120):
+        clock.now = 5e-3 * k
+        tell(bus, status(5000 * k))
+    assert bus[3][-1] == 595_000 and bus[2].clock_set is None
