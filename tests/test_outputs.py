@@ -115,7 +115,7 @@ def test_what_is_no_regular_file_is_written_into(tmp_path):
 
 
 def test_an_output_to_the_console_goes_through_whatever_it_is_redirected_to(tmp_path):
-    script = "from feasigrasp.outputs import write_text; write_text('/dev/stdout', 'text')"
+    script = "from feasigrasp.outputs import write_text; write_text('/proc/self/fd/1', 'text')"
     with (tmp_path / "file").open("wb") as file:
         subprocess.run([sys.executable, "-c", script], stdout=file, check=True)
     assert (tmp_path / "file").read_text() == "text"
