@@ -27,9 +27,9 @@ BODY_LINK = np.minimum(np.arange(len(BODY_NAMES)), IIWA_7.joints)
 #: Numbers of the bodies after the links of the arm. Source: layout.
 PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA = 8, 9, 10, 11
 
-#: Pairs of bodies that can come close inside the joint limits. Left out are neighbours, links 5 and
-#: 7 (both turn about the wrist, whose limit stops them before they touch), and every pair whose
-#: visible bodies never come nearer than 2 cm; a test searches for the minima.
+#: Pairs of bodies of the default hand that can come close inside the joint limits. Left out are
+#: neighbours, links 5 and 7 (both turn about the wrist, whose limit stops them before they touch),
+#: and every pair whose visible bodies never come nearer than 2 cm; a test searches for the minima.
 BODY_PAIRS: tuple[tuple[int, int], ...] = (
     *product((0,), (4, 5, 6, 7, PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA)),
     *product((1,), (7, PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA)),
@@ -174,19 +174,34 @@ def _link_to_grasp(gripper: ParallelGripper) -> Array:
     return X_7G
 
 
+def body_pairs_of(gripper: ParallelGripper | None = None) -> Sequence[tuple[int, int]]:
+    """The pairs of bodies that are kept apart, the one nearer to the base first.
+
+    Of the default hand those that can come close; any other hand is kept off all links but the two
+    that carry it.
+    """
+    if gripper is None or hand_capsules(gripper) == hand_capsules():
+        return BODY_PAIRS
+    hand = (PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA)
+    arm = [pair for pair in BODY_PAIRS if pair[1] < PALM]
+    return sorted({*arm, *product(range(IIWA_7.joints - 1), hand)})
+
+
 def capsule_model(
     gripper: ParallelGripper | None = None,
     *,
     with_hand: bool = True,
-    body_pairs: Sequence[tuple[int, int]] = BODY_PAIRS,
+    body_pairs: Sequence[tuple[int, int]] | None = None,
 ) -> CapsuleModel:
     """The arrays of the arm, and of its hand unless ``with_hand`` is false.
 
     Args:
         gripper: The hand; the default one if not given.
         with_hand: Whether there is a hand.
-        body_pairs: Pairs of bodies to check, the one nearer to the base first.
+        body_pairs: Pairs of bodies to check, the one nearer to the base first; those of
+            `body_pairs_of` if not given.
     """
+    body_pairs = body_pairs_of(gripper) if body_pairs is None else body_pairs
     capsules = arm_capsules() + (hand_capsules(gripper) if with_hand else ())
     by_body: dict[int, list[int]] = {}
     for index, capsule in enumerate(capsules):

@@ -75,24 +75,10 @@ class ReceivedCommands:
         """
         return self.requests[0] if self.requests else None
 
-    def positions(self, q_start: Array) -> Array:
-        """Initial positions, then the commanded ones, in order, shape (m + 1, 7) [rad].
-
-        Args:
-            q_start: Where the arm was before the first command [rad], shape (7,).
-        """
-        return np.array([q_start, *self._q])
-
-    def velocities(self, q_start: Array) -> Array:
-        """From each of `positions` to the next [rad/s], shape (m, 7).
-
-        NaN where commands were missing in between, sent or not: of what is not received nothing can
-        be said but how often it was so.
-        """
-        ticks = np.round(np.array(self._utime) / (1e6 * channels.IIWA_PERIOD))
-        next_to = np.diff(ticks, prepend=ticks[:1] - 1.0) == 1.0
-        velocities = np.diff(self.positions(q_start), axis=0) / channels.IIWA_PERIOD
-        return np.where(next_to[:, None], velocities, np.nan)
+    @property
+    def positions(self) -> Array:
+        """The commanded positions, in order, shape (m, 7) [rad]."""
+        return np.array(self._q).reshape(-1, IIWA_7.joints)
 
     @property
     def missing(self) -> int:
@@ -175,22 +161,23 @@ def _judged(
     log = diagram.GetSubsystemByName("log(arm)").FindLog(context)
     q, v = np.split(log.data().T, 2, axis=1)
     _, _, metrics = measured(diagram, context, scenario, broke_off=broke_off, sent=q)
-    sent = received.positions(q[0])
-    velocity = received.velocities(q[0])
-    change = np.diff(velocity, axis=0, prepend=0.0) / channels.IIWA_PERIOD
+    # What the driver held in each of its cycles, those without a command among them.
+    held = diagram.GetSubsystemByName("log(driver)").FindLog(context).data().T
+    velocity = np.diff(held, axis=0) / channels.IIWA_PERIOD
+    accelerations = np.diff(velocity, axis=0, prepend=0.0) / channels.IIWA_PERIOD
+    accelerations /= IIWA_7.acceleration_limits
     speeds = (velocity / IIWA_7.velocity_limits, v / IIWA_7.velocity_limits)
-    accelerations = change / IIWA_7.acceleration_limits
     metrics["velocity_limit_violation_percent"] = max(map(_share_beyond, speeds))
     metrics["acceleration_limit_violation_percent"] = _share_beyond(accelerations)
-    known = np.abs(accelerations[np.isfinite(accelerations)])
-    metrics["acceleration_peak_percent"] = 100.0 * float(known.max(initial=0.0))
+    metrics["acceleration_peak_percent"] = 100.0 * float(np.abs(accelerations).max(initial=0.0))
+    sent = received.positions
     beyond = np.abs(sent) > IIWA_7.driver.position
     driver = diagram.GetSubsystemByName("driver")
     stopped = driver.GetOutputPort("stopped").Eval(driver.GetMyContextFromRoot(context))
     gaps = 1e3 * received.gaps()
     report = {
         "first_request_s": received.first,
-        "commands": len(sent) - 1,
+        "commands": len(sent),
         "commands_missing": received.missing,
         "commands_late": received.late,
         "commands_unusable": received.unusable,
@@ -206,7 +193,7 @@ def _judged(
 
 
 def _share_beyond(ratios: Array) -> float:
-    """Percentage of the rows of which one is beyond 1; NaN is not."""
+    """Percentage of the rows of which one is beyond 1."""
     beyond = np.any(np.abs(ratios) > 1.0 + ROUNDING, axis=1)
     return 100.0 * float(beyond.mean()) if len(beyond) else 0.0
 

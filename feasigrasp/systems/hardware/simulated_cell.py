@@ -33,6 +33,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import (
     ConstantVectorSource,
+    LogVectorOutput,
     StateInterpolatorWithDiscreteDerivative,
 )
 
@@ -275,6 +276,8 @@ def _add_arm(builder: DiagramBuilder, station: Station, lcm: DrakeLcm) -> None:
     measured = station.GetOutputPort("iiwa.position_measured")
     builder.Connect(measured, receiver.GetInputPort("position_measured"))
     driver = builder.AddNamedSystem("driver", SimulatedIiwaDriver())
+    held = LogVectorOutput(driver.GetOutputPort("position"), builder, channels.IIWA_PERIOD)
+    held.set_name("log(driver)")
     builder.Connect(receiver.GetOutputPort("position"), driver.GetInputPort("position"))
     torque = station.GetOutputPort("iiwa.torque_external")
     builder.Connect(torque, driver.GetInputPort("torque_external"))
