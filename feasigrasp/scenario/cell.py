@@ -100,9 +100,12 @@ class CellConfig:
             1 cm more.
         boxes: Boxes by name.
         meshes: Meshes by name.
+        unmodeled: Models of the directives that the controller is not given, to test what its
+            camera makes of them; it keeps clear of all others.
     """
 
     table_height: float = key(0.0, -1.0, 0.1, "m")
     table_clearance: float = key(0.01, 0.0, 0.2, "m")
     boxes: dict[str, BoxConfig] = dc.field(default_factory=dict)
     meshes: dict[str, MeshConfig] = dc.field(default_factory=dict)
+    unmodeled: list[str] = dc.field(default_factory=list)

@@ -12,6 +12,8 @@ import numpy as np
 
 from feasigrasp.errors import CameraError, GraspError, ScenarioError
 from feasigrasp.models.choices import ControlSpace, Span, metadata_of, nearest
+from feasigrasp.models.robot.capsule_kernels import collides_kernel
+from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.gripper import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.sensors.depth_noise import DepthNoise
@@ -310,3 +312,11 @@ def _check_vectors(scenario: Scenario) -> None:
                 f"q_start[{i}] is {angle:g}; the driver of the arm takes joint {i + 1} from "
                 f"-{limit:g} to {limit:g} deg"
             )
+    model = capsule_model(load_gripper(scenario.gripper))
+    q = np.deg2rad(np.array(scenario.q_start, dtype=float))
+    balls = arm_balls(model)
+    lowest = np.min(balls.placed(q)[:, 2] - balls.radius)
+    if collides_kernel(q, model, 0.0) or lowest < scenario.cell.table_height:
+        raise ScenarioError(
+            "q_start: the arm starts in itself or in the table; give joints that are clear of both"
+        )

@@ -43,14 +43,16 @@ class PartConfig:
 
 
 def check_parts(parts: Mapping[str, PartConfig]) -> None:
-    """Checks that every part is one that can be replaced, and that what it names is there.
+    """Checks that every part is one that can be replaced, and names something.
+
+    Nothing is imported: reading a scenario runs no code of others. `make_named` does, for a run.
 
     Raises:
-        ScenarioError: It is not.
+        ScenarioError: It is not, or does not.
     """
     for key, part in parts.items():
         parse_choice(Part, key, "parts", ScenarioError)
-        load_part(key, part)
+        _split(key, part)
 
 
 def load_part(key: str, part: PartConfig) -> Callable[..., Any]:
@@ -64,10 +66,7 @@ def load_part(key: str, part: PartConfig) -> Callable[..., Any]:
         ScenarioError: There is no such module, or nothing of that name in it, or it cannot be
             called.
     """
-    where = f"parts.{key}.name: {part.name!r}"
-    module_name, colon, name = part.name.partition(":")
-    if not (colon and module_name and name) or module_name.startswith("."):
-        raise ScenarioError(f"{where} is not of the form package.module:Name")
+    where, module_name, name = _split(key, part)
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())  # behind all that is installed
     try:
@@ -81,6 +80,15 @@ def load_part(key: str, part: PartConfig) -> Callable[..., Any]:
         known = [each for each in vars(module) if not each.startswith("_")]
         raise ScenarioError(f"{where}: {module_name} has no such class{nearest(name, known)}")
     return typing.cast(Callable[..., Any], found)
+
+
+def _split(key: str, part: PartConfig) -> tuple[str, str, str]:
+    """Words for messages, module and name of a part."""
+    where = f"parts.{key}.name: {part.name!r}"
+    module_name, colon, name = part.name.partition(":")
+    if not (colon and module_name and name) or module_name.startswith("."):
+        raise ScenarioError(f"{where} is not of the form package.module:Name")
+    return where, module_name, name
 
 
 def make_named(key: str, part: PartConfig, given: Any) -> Any:

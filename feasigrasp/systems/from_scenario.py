@@ -44,7 +44,7 @@ from feasigrasp.systems.stages.controllers import make_controller
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_boxes import cell_boxes
 from feasigrasp.systems.station.cell_models import StationConfig
-from feasigrasp.systems.station.directives import cell_directives
+from feasigrasp.systems.station.directives import cell_directives, modeled_bodies
 from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.tracking.field_tracker import FieldTracker
 from feasigrasp.systems.tracking.keyframes_to_gpdf import KeyframesToGPDF
@@ -93,14 +93,15 @@ def make_foreground_segmentation(
 ) -> LeafSystem:
     """The segmentation of a camera's images, by default of perception's.
 
-    It is by ``mask``, by the mask that the scenario names, or else by depth. Of the cell it is
-    given the table and the section ``cell`` alone: what else stands there it has to see.
+    It is by ``mask``, by the mask that the scenario names, or else by depth. The ``unmodeled``
+    bodies of the cell it has to see.
 
     Raises:
         ScenarioError: The mask that the scenario names cannot be made.
     """
     camera = make_camera(scenario, name)
-    stated = ["table", *scenario.cell.boxes, *scenario.cell.meshes]
+    cell = scenario.cell
+    stated = ["table", *cell.boxes, *cell.meshes, *modeled_bodies(scenario)]
     bodies = ModeledBodies(gripper, cell_boxes(station_config(scenario), stated))
     own = scenario.parts.get(Part.SEGMENTATION)
     if own is not None and mask is None:

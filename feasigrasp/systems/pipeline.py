@@ -48,7 +48,6 @@ from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointClou
 from feasigrasp.systems.stages.controllers import (
     make_drive,
     make_reachability_filter,
-    make_static_grid,
 )
 from feasigrasp.systems.stages.delay import Delay
 from feasigrasp.systems.stages.faults import FaultInjection
@@ -57,6 +56,7 @@ from feasigrasp.systems.stages.remote import (
     remote_scene,
     remote_tracker,
 )
+from feasigrasp.systems.stages.static_obstacles import make_static_grid
 from feasigrasp.systems.station.meshcat_scene import add_scene
 from feasigrasp.systems.station.object_contact import ObjectContact, ObstacleDistance
 from feasigrasp.systems.station.pose_at import PoseAt

@@ -4,26 +4,19 @@ from __future__ import annotations
 
 from typing import cast
 
-import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.choices import ControlSpace, controller_names, parse_word
 from feasigrasp.models.control.horizon.law import HorizonOptions
 from feasigrasp.models.control.horizon.program import ProgramOptions
-from feasigrasp.models.control.planning.static_grid import static_grid
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
-from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
 from feasigrasp.models.reach.interception import InterceptionOptions
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.gripper import load_gripper
 from feasigrasp.plugins import load_plugin
 from feasigrasp.scenario.modes import added_mode
-from feasigrasp.scenario.sampling import (
-    make_static_obstacles,
-)
 from feasigrasp.scenario.schema import EXACT, Scenario
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
@@ -39,28 +32,6 @@ def make_reachability(scenario: Scenario) -> Reachability:
         table_clearance=cell.table_clearance + ours,
         table_height=cell.table_height,
     )
-
-
-def make_static_grid(scenario: Scenario) -> ObstacleGrid | None:
-    """Distances to the boxes and meshes of the scenario's cell; None if it has none.
-
-    Raises:
-        ScenarioError: The arm begins in one of them.
-        MeshError: A mesh cannot be read, or is flat.
-    """
-    obstacles = make_static_obstacles(scenario)
-    if not obstacles:
-        return None
-    balls = arm_balls(capsule_model(load_gripper(scenario.gripper)))
-    center = balls.placed(np.deg2rad(scenario.q_start))
-    for obstacle in obstacles:
-        room = float(np.min(obstacle.distance(center) - balls.radius))
-        if room < 0.0:
-            raise ScenarioError(
-                f"the obstacle {obstacle.name} of cell is {-100.0 * room:.1f} cm in the arm at "
-                "q_start; move one of them"
-            )
-    return static_grid(obstacles)
 
 
 def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> LeafSystem:

@@ -18,6 +18,8 @@ from pydrake.multibody.parsing import (
     PackageMap,
 )
 
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.choices import nearest
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
 from feasigrasp.models.robot.gripper import PACKAGED, ParallelGripper, load_gripper
 from feasigrasp.models.robot.hand_model import camera_pose, hand_files
@@ -36,28 +38,56 @@ def cell_directives(scenario: Scenario) -> list[ModelDirective]:
 
     Raises:
         MeshError: A mesh of the cell cannot be read.
+        ScenarioError: The directives have the table at another height than `CellConfig`.
     """
     height, other_hand = scenario.cell.table_height, scenario.gripper != PACKAGED
-    directives: list[ModelDirective] = scenario.directives
-    if other_hand or height != 0.0:
-        packages = PackageMap()
-        packages.AddPackageXml(str(model_path("package.xml")))
-        given = ModelDirectives(directives=directives)
-        directives = FlattenModelDirectives(given, packages).directives
+    flat = _flat(scenario)
+    directives: list[ModelDirective] = flat if other_hand or height != 0.0 else scenario.directives
     for each in directives if other_hand else ():
         gripper = load_gripper(scenario.gripper)
         if each.add_model is not None and each.add_model.name == "gripper":
             each.add_model.file = hand_urdf(gripper).as_uri()
         if each.add_weld is not None and each.add_weld.child == "camera::camera_body":
             each.add_weld.X_PC = Transform(RigidTransform(camera_pose(gripper)))
-    for each in directives if height != 0.0 else ():
+    for each in flat:
         weld = each.add_weld
         if weld is not None and weld.parent == "world" and weld.child.startswith("table::"):
             X_WT = RigidTransform((weld.X_PC or Transform()).GetDeterministicValue())
-            X_WT.set_translation([*X_WT.translation()[:2], height])
-            weld.X_PC = Transform(X_WT)
+            x, y, z = X_WT.translation()
+            if z not in (0.0, height):
+                raise ScenarioError(
+                    f"directives weld the table at z = {z:g} m, but cell.table_height is "
+                    f"{height:g}; give cell: {{table_height: {z:g}}}"
+                )
+            if height != 0.0:
+                X_WT.set_translation([x, y, height])
+                weld.X_PC = Transform(X_WT)
     obstacles = [_obstacle(each) for each in make_static_obstacles(scenario)]
     return [*directives, *itertools.chain(*obstacles)] if obstacles else directives
+
+
+def modeled_bodies(scenario: Scenario) -> list[str]:
+    """Models of a scenario's directives that the controller is given, beside robot and table.
+
+    Raises:
+        ScenarioError: `CellConfig.unmodeled` has another name.
+    """
+    names = [each.add_model.name for each in _flat(scenario) if each.add_model is not None]
+    names = [name for name in names if name not in ("iiwa", "gripper", "camera", "table")]
+    for name in scenario.cell.unmodeled:
+        if name not in names:
+            raise ScenarioError(
+                f"cell.unmodeled: the directives have no model {name!r}{nearest(name, names)}"
+            )
+    return [name for name in names if name not in scenario.cell.unmodeled]
+
+
+def _flat(scenario: Scenario) -> list[ModelDirective]:
+    packages = PackageMap()
+    packages.AddPackageXml(str(model_path("package.xml")))
+    given = ModelDirectives(directives=scenario.directives)
+    flat: list[ModelDirective] = FlattenModelDirectives(given, packages).directives
+    return flat
 
 
 def _obstacle(obstacle: StaticObstacle) -> list[ModelDirective]:

@@ -19,9 +19,10 @@ from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.stages.controllers import (
     make_controller,
     make_reachability,
-    make_static_grid,
 )
+from feasigrasp.systems.stages.static_obstacles import make_static_grid
 from feasigrasp.systems.station.cell_boxes import cell_boxes
+from feasigrasp.systems.station.directives import cell_directives
 from tests.pipeline import FILE
 from tests.truths import table_distances
 
@@ -123,18 +124,66 @@ class Turn(GraspController):
 BLOCK = "{cell: {boxes: {block: {size: [0.08, 0.08, 0.3], position: [0.11, 0.19, 0.7]}}}}"
 
 
-@pytest.mark.parametrize(("scene", "given"), [(False, True), (True, True), (False, False)])
-def test_the_arm_keeps_clear_of_a_box_in_its_way(scene, given, monkeypatch):
-    """By the simulation's own geometry; an arm that is not given the box runs into it."""
-    if not given:
+#: The same in the directives, as a board: with a model, a pose, and whether the controller has it.
+BOARD = """
+directives:
+- add_directives: {file: 'package://feasigrasp/iiwa/cell.dmd.yaml'}
+- add_model: {name: board, file: 'package://feasigrasp/scene/wall.urdf'}
+- add_weld: {parent: world, child: 'board::wall', X_PC: {translation: [0.11, 0.24, %g],
+    rotation: !Rpy {deg: [%g, 0, 0]}}}
+"""
+UPRIGHT, LYING, UNMODELED = (0.3, 0), (0.75, -90), "\ncell: {unmodeled: [board]}"
+
+
+@pytest.mark.parametrize(
+    ("text", "scene", "given"),
+    [
+        (BLOCK, False, True),
+        (BLOCK, True, True),
+        (BLOCK, False, False),
+        (BOARD % UPRIGHT, False, True),
+        (BOARD % LYING, True, True),
+        (BOARD % UPRIGHT + UNMODELED, False, None),
+    ],
+)
+def test_the_arm_keeps_clear_of_a_body_in_its_way(text, scene, given, monkeypatch):
+    """By the simulation's own geometry; an arm that is not given the body runs into it."""
+    if given is False:
         monkeypatch.setattr("feasigrasp.systems.pipeline.make_static_grid", lambda _: None)
-    setting = own(BLOCK)
+    setting = own(text)
     setting.scene.enabled = scene
     diagram = make_dynamic_grasp(setting, controller=Turn(make_reachability(setting)))
     simulator = Simulator(diagram)
     simulator.AdvanceTo(2.5)
     log = diagram.GetSubsystemByName("log(obstacle_distance)").FindLog(simulator.get_context())
     if given:
-        assert 0.015 < log.data().min() < 0.05  # it stops before the box, where it may
+        assert 0.01 < log.data().min() < 0.05  # it stops before the body, where it may
     else:
         assert log.data().min() < 0.0
+
+
+def test_bodies_of_the_directives_are_named_in_words():
+    with pytest.raises(ScenarioError, match="cell.unmodeled: .* no model 'bord'; do you mean"):
+        make_static_grid(own(BOARD % UPRIGHT + "\ncell: {unmodeled: [bord]}"))
+    with pytest.raises(ScenarioError, match="the obstacle board of cell is .* cm in the arm"):
+        make_static_grid(own((BOARD % UPRIGHT).replace("0.11, 0.24", "0, 0")))
+
+
+def test_a_table_at_another_height_than_the_controller_has_is_refused():
+    text = """
+directives:
+- add_model: {name: iiwa, file: 'package://feasigrasp/iiwa/iiwa7.urdf'}
+- add_weld: {parent: world, child: 'iiwa::iiwa_link_0'}
+- add_model: {name: table, file: 'package://feasigrasp/iiwa/table.urdf'}
+- add_weld: {parent: world, child: 'table::table_top', X_PC: {translation: [0, 0, -0.2]}}
+"""
+    with pytest.raises(ScenarioError, match="table at z = -0.2 .* give cell: {table_height: -0.2}"):
+        cell_directives(own(text))
+    cell_directives(own(text + "cell: {table_height: -0.2}"))
+
+
+@pytest.mark.parametrize("q_start", [[0, 118, 0, 0, 0, 0, 0], [0, 60, 0, -119, 0, 100, 0]])
+def test_an_arm_that_starts_in_itself_or_the_table_is_refused(q_start):
+    own("{q_start: [0, -48.5, 0, -90.6, 0, 60, 0], cell: {table_height: 0.1}}")
+    with pytest.raises(ScenarioError, match="q_start: the arm starts in itself or in the table"):
+        own(f"{{q_start: {q_start}}}")
