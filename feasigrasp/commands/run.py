@@ -30,6 +30,7 @@ from feasigrasp.runs.results.interrupts import STATUS
 from feasigrasp.runs.results.rows import write_json
 from feasigrasp.runs.run import INTERRUPTED, run
 from feasigrasp.scenario.files import load_scenario, only_scenario
+from feasigrasp.scenario.parts import load_part
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import ControlConfig, Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
@@ -148,6 +149,8 @@ def main(args: argparse.Namespace) -> int:
     outputs = {name: getattr(args, name) for name in ("replay", "results", "log", "graphviz")}
     check_outputs({f"--{name}": file for name, file in outputs.items()}, files_read(args))
     name, scenario = load(args, on_hardware=args.hardware)
+    for key, part in scenario.parts.items():
+        load_part(key, part)
     print_notes(load_scenario_object(scenario))
     if args.graphviz is not None:
         draw_diagram(scenario, args.graphviz)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario, scenario_names
+from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.sampling import largest_speed
 from feasigrasp.scenario.schema import Scenario
 
@@ -31,6 +32,7 @@ def main(args: argparse.Namespace) -> int:
 
 def describe(scenario: Scenario) -> str:
     """A scenario in half a line: object, speed, what is done with it, and for how long."""
-    speed, duration = largest_speed(scenario), scenario.simulation_duration
+    own = Part.MOTION in scenario.parts  # which is code of others, and not run to be listed
+    pace = "by its own motion" if own else f"at up to {100.0 * largest_speed(scenario):.0f} cm/s"
     end = "grasped and lifted" if scenario.grasp.close else "followed with an open gripper"
-    return f"{scenario.object.model} at up to {100.0 * speed:.0f} cm/s, {end}; {duration:.3g} s"
+    return f"{scenario.object.model} {pace}, {end}; {scenario.simulation_duration:.3g} s"

@@ -1,12 +1,17 @@
 """Parts of one's own that a scenario names."""
 
+import textwrap
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from feasigrasp.cli import main
 from feasigrasp.errors import ScenarioError
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
+from feasigrasp.scenario.parts import Part, load_part
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.object_tracker import ObjectTracker
@@ -87,9 +92,27 @@ def test_a_named_sampler_and_tracker_run_in_the_diagram(module):
         ("{sampler: {nam: 'my_parts:Few'}}", "has no key 'nam'.*do you mean name"),
     ],
 )
-def test_what_is_wrong_is_said_when_the_scenario_is_read(module, text, message):
+def test_what_is_wrong_is_said_before_a_run_begins(module, text, message):
     with pytest.raises(ScenarioError, match=message):
-        loaded(text)
+        for key, part in loaded(text).parts.items():
+            load_part(key, part)
+
+
+def test_reading_and_listing_scenarios_runs_no_code_of_others(tmp_path, monkeypatch, capsys):
+    (tmp_path / "evil.py").write_text("raise SystemExit('run')")
+    monkeypatch.chdir(tmp_path)
+    for part in Part:
+        text = f"{{parts: {{{part}: {{name: 'evil:Part'}}}}}}"
+        scenario = parse_scenario(dump_scenario(load_scenario(FILE, "ReachCircular", text)))
+        assert scenario.parts[part].name == "evil:Part"
+    text = dump_scenario(
+        load_scenario(FILE, "ReachCircular", "{parts: {motion: {name: 'evil:P'}}}")
+    )
+    Path("own.yaml").write_text("Mine:\n" + textwrap.indent(text, "  "))
+    assert main(["scenarios", "--scenario-file", "own.yaml"]) == 0
+    assert "by its own motion" in capsys.readouterr().out
+    with pytest.raises(SystemExit, match="run"):  # and a run does
+        main(["run", "--scenario-file", "own.yaml"])
 
 
 def test_options_that_the_part_does_not_take_are_refused_by_name(module):
