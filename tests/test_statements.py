@@ -32,6 +32,7 @@ from feasigrasp.scenario import faults
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.control_loop import AHEAD, SET_AFTER
 from feasigrasp.systems.monitoring.status_monitor import LASTS
 from feasigrasp_lab.measures.grasps import GRASPABLE
 from feasigrasp_lab.paper.grasp_mixture import LENGTH_PER_RADIAN
@@ -276,6 +277,12 @@ STATEMENTS = {
             (100 * SAFE.velocity_scale, 100 * SAFE.acceleration_scale),
         ),
         ("judged with a position margin of {:g} rad", (REACHABILITY["limit_margin"],)),
+        ("{:g} ms after the last request", (1e3 * CommandGuard.DEADLINE,)),
+        ("or {:g} rad from the measured", (CommandGuard.MAX_DISTANCE,)),
+        ("statuses stop for {:g} s | guard", (CommandGuard.SILENCE,)),
+        ("{:g} s after they return", (CommandGuard.START_AFTER,)),
+        ("{:g} s where clocks are that close", (CommandGuard.MAX_DRIFT,)),
+        ("by more than {:g} s | controller | {:g} s", (AHEAD, SET_AFTER)),
         ("of the {:g} mm clearance", (1e3 * SAFE.clearance,)),
         ("The arm keeps {:g} cm.", (100 * SAFE.obstacle_clearance,)),
         ("| position margin | {:g} rad |", (SAFE.position_margin,)),
@@ -295,7 +302,7 @@ STATEMENTS = {
             (value("touch._SPEED"), value("touch._YIELDS_FOR")),
         ),
         ("up to {:g} cm along the normal", (100 * value("observed_space.BEHIND"),)),
-        ("up to {:g} cm (wider", (100 * value("observed_space.BESIDE"),)),
+        ("up to {:g} cm.", (100 * value("observed_space.BESIDE"),)),
         ("a grid of {:g} cm", (100 * value("observed_space.SCENE_VOXEL"),)),
         ("earlier views are forgotten once {} later", (value("point_cloud_to_gpdf.OUTVOTING"),)),
         ("accepted after {:g} s of agreeing", (value("pose_filter._JUMP_FOR"),)),
@@ -341,10 +348,6 @@ STATEMENTS = {
     "hardware.md": [
         ("drake-iiwa-driver | {:g} Hz |", (1 / channels.IIWA_PERIOD,)),
         ("drake-schunk-driver | {:g} Hz |", (1 / channels.WSG_PERIOD,)),
-        ("{:g} ms after the last request", (1e3 * CommandGuard.DEADLINE,)),
-        ("or {:g} rad from the measured", (CommandGuard.MAX_DISTANCE,)),
-        ("stop for {:g} s | guard", (CommandGuard.SILENCE,)),
-        ("{:g} s after they return", (CommandGuard.START_AFTER,)),
         ("velocity ({:g} %)", (100 * CommandGuard.SPEED,)),
         (
             "deadline {:g} ms, deviation {:g} rad",

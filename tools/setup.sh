@@ -14,7 +14,7 @@ extra="${1:+[$1]}"
 stamp=".venv/.feasigrasp-setup$extra"
 
 # What the stamp remembers: the recipe, the requirements, and where the checkout lies.
-key="$(cat pyproject.toml tools/setup.sh | sha256sum | cut -d ' ' -f 1) $PWD"
+key="$(cat pyproject.toml tools/setup.sh tools/constraints.txt | sha256sum | cut -d ' ' -f 1) $PWD"
 is_done() { [[ -f $1 && "$(cat "$1")" == "$key" && -x $venv_python ]]; }
 # An environment for tests has all that the demo needs.
 if is_done "$stamp" || is_done ".venv/.feasigrasp-setup[dev]"; then
@@ -79,8 +79,9 @@ if ! $venv_python -c '' 2> /dev/null; then
     "$python" -m venv --clear .venv
 fi
 say "installing $TORCH and the project into .venv (a few minutes the first time)"
-$venv_python -m pip install --quiet --disable-pip-version-check "$TORCH"
-$venv_python -m pip install --quiet --disable-pip-version-check --editable ".$extra" "$TORCH"
+$venv_python -m pip install --quiet --disable-pip-version-check -c tools/constraints.txt "$TORCH"
+$venv_python -m pip install --quiet --disable-pip-version-check -c tools/constraints.txt \
+    --editable ".$extra" "$TORCH"
 
 echo "$key" > "$stamp"
 say "done"

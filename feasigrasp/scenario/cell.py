@@ -100,8 +100,7 @@ class CellConfig:
             1 cm more.
         boxes: Boxes by name.
         meshes: Meshes by name.
-        unmodeled: Models of the directives that the controller is not given, to test what its
-            camera makes of them; it keeps clear of all others.
+        unmodeled: Models of the directives that the controller is not given, to test perception.
     """
 
     table_height: float = key(0.0, -1.0, 0.1, "m")
