@@ -67,6 +67,7 @@ class Intake:
         }
         self._newest: dict[str, bytes] = {}
         self._utime: dict[str, int] = {}
+        self._pictures: dict[str, list[bytes]] = {}
         #: When the last message of a channel that was used came [s], and how many were not since.
         self._used: dict[str, tuple[float, int]] = {}
         self.begun = False
@@ -111,6 +112,13 @@ class Intake:
             if message is None or stamped.utime < 0 or not self._in_step(channel, stamped.utime):
                 self.dropped[channel] += 1
                 return
+            if isinstance(message, lcmt_image_array):
+                pictures = [image.data for image in message.images]
+                frozen = bool(pictures) and pictures == self._pictures.get(channel)
+                self._pictures[channel] = pictures
+                if frozen:  # noise makes two images of a camera differ, whatever they show
+                    self.dropped[channel] += 1
+                    return
             self._utime[channel] = stamped.utime
             if kind is lcmt_iiwa_status:
                 self._statuses.append((stamped.utime, data))

@@ -245,3 +245,13 @@ def test_before_a_run_begins_any_clock_is_taken(bus, clock):
         clock.now = 5e-3 * k
         tell(bus, status(5000 * k))
     assert bus[3][-1] == 595_000 and bus[2].clock_set is None
+
+
+def test_a_camera_that_repeats_its_image_with_new_stamps_counts_as_silent(bus):
+    """Whole images of one camera are never the same; a picture that differs is used again."""
+    pictures = [b"a" * 48, b"b" * 48, b"b" * 48, b"b" * 48, b"c" * 48]
+    for k, picture in enumerate(pictures, start=1):
+        message = lcmt_image_array.decode(whole(lcmt_image_array))
+        message.header.utime, message.images[0].data = 5000 * k, picture
+        tell(bus, message.encode(), channel="images")
+    assert bus[2].dropped["images"] == 2 and bus[2]._utime["images"] == 25_000
