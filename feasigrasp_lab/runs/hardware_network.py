@@ -44,6 +44,7 @@ class Network(StrEnum):
     DISORDERED = "disordered"
     NO_IMAGES = "no_images"
     DEPTH_NAN = "depth_nan"
+    MALFORMED = "malformed"
 
 
 class Relay:
@@ -75,6 +76,8 @@ class Relay:
                 data = _nan_depth(data)
             # What share of the messages is doubled, or overtaken by others.
             faulted = self._rng.random() < 0.2
+            if faulted and self._fault is Network.MALFORMED and to == 1:  # cut off on the way
+                data = data[: self._rng.integers(len(data))]
             if self._fault is Network.LATE or (faulted and self._fault is Network.DISORDERED):
                 copies = [now + LATE * self._rng.random()]
             if faulted and self._fault is Network.DOUBLED:

@@ -150,7 +150,9 @@ def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
     metrics, received = report["metrics"], report["hardware"]
     restless = item["fault"] in _AT_CONTROLLER and received["rest_s"] is None
     stopped = received["driver_stopped_by_joint"] > 0
-    broken = restless or stopped or any((metrics[key] or 0.0) > 0.0 for key in LIMITS)
+    touched = (metrics.get("obstacle_distance_min_mm") or 0.0) < 0.0
+    broken = restless or stopped or touched
+    broken |= any((metrics[key] or 0.0) > 0.0 for key in LIMITS)
     record |= {"crashed": False, "error": report["error"], "held": bool(metrics["grasp_held"])}
     record |= {"broken": broken} | {key: metrics[key] for key in LIMITS}
     record |= {key: received[key] for key in _RECEIVED}

@@ -93,6 +93,7 @@ def test_rows_count_what_was_broken_and_how_long_it_takes_to_rest():
         ("kill", {}, False),
         ("kill", {"metrics": {"torque_limit_violation_percent": 0.1}}, True),
         ("kill", {"hardware": {"driver_stopped_by_joint": 6}}, True),
+        ("kill", {"metrics": {"obstacle_distance_min_mm": -0.1}}, True),
         ("stop", {"hardware": {"rest_s": None}}, True),
         ("stop_worker", {"hardware": {"rest_s": None}}, False),
     ],
@@ -175,6 +176,9 @@ def test_networks_are_as_bad_as_they_say(bus):
     images = "DRAKE_RGBD_CAMERA_IMAGES_c"
     assert carried(bus, Network.NO_IMAGES, sent, channel=images) == []
     assert carried(bus, Network.NO_IMAGES, sent) == sent
+    whole = [bytes(20)] * 100
+    cut = [data for data in carried(bus, Network.MALFORMED, whole) if data != whole[0]]
+    assert 5 < len(cut) < 40 and all(len(data) < 20 for data in cut)
 
 
 def test_a_depth_that_is_not_a_number(bus):

@@ -19,12 +19,14 @@ JITTER = 0.75
 #: A message that comes sooner after the last than this is one of a burst [periods].
 #: Source: reasoned: a driver that gets two commands in one cycle takes the second.
 BURST = 0.3
-#: A message that comes sooner than this, and whose stamp is early or out of turn, is of no cycle
-#: [usual intervals, periods]. Source: reasoned: between what messages and stamps are late by.
-EARLY = 0.75
-#: A message that comes later after the last than this leaves cycles out, if its stamp does, too
-#: [usual intervals]. Source: reasoned: a lost message makes 2.
-LATE = 1.5
+#: A message that comes sooner than the first, with a stamp as early, is of no cycle; nor is one out
+#: of turn that comes sooner than the second [usual intervals, periods]. Source: reasoned: between
+#: what messages and stamps are late by.
+EARLY, OUT_OF_TURN = 0.75, 0.6
+#: A message that comes later after the last than this leaves cycles out, if its stamp does, too;
+#: the second where stamps show that the clock was set [usual intervals]. Source: reasoned: a lost
+#: message makes 2, and a busy computer is late as well.
+LATE, LATE_AT_STEP = 1.75, 4.0
 #: A driver that begins with a clock faster than this computer's by more than the first ratio is
 #: refused; one that comes to it later is followed slowly from the second on, by the average over
 #: this number of cycles. Source: guessed.
@@ -94,7 +96,9 @@ class DriverClock:
         if now is None:
             if not in_turn and 0.0 < passed < self.period:
                 return Tick.NONE
-        elif late < EARLY * usual and (error < (EARLY - 1.0) * self.period or not in_turn):
+        elif (in_turn and error < (EARLY - 1.0) * self.period and late < EARLY * usual) or (
+            not in_turn and late < OUT_OF_TURN * usual
+        ):
             return Tick.NONE
         else:
             self._now = now
@@ -105,7 +109,9 @@ class DriverClock:
                 return Tick.NONE
             self._average += (min(late / self.period, 2.0) - self._average) / AVERAGED
             self.rate = min(1.0, self._average / FASTER)
-        left_out = not in_turn and (passed > 0.0 if now is None else late > LATE * usual)
+        stepped = not 0.0 < passed <= 2.0 * late + self.period
+        most = LATE_AT_STEP if stepped else LATE
+        left_out = not in_turn and (passed > 0.0 if now is None else late > most * usual)
         gap, self._skipped = left_out or self._skipped, False
         self.passed = max(passed, self.period) if gap else self.period
         self._stamp = stamp
