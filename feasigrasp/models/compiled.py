@@ -18,8 +18,10 @@ tests/models/test_compiled.py watches over it. `fused` is for the rest.
 from __future__ import annotations
 
 import hashlib
+import pickle
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,9 @@ from typing import Any
 from numba import njit, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.extending import intrinsic
+
+#: Size of the hash before the code in a cache file [bytes]. Source: layout.
+_DIGEST = 32
 
 
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
@@ -57,20 +62,35 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 
 
 class _Index(IndexDataCacheFile):
-    """Cache files of a function; one that is broken, or names a type that is gone, is none."""
+    """Cache files of a function; damaged ones, or of types that are gone, are compiled anew.
+
+    The machine code stands behind its hash: changed code would run, or end the process.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        with suppress(OSError):  # a full disk, or a folder in its place: the next process compiles
+            super().save(key, data)
 
     def _load_index(self) -> dict[Any, str]:
         try:
-            found: dict[Any, str] = super()._load_index()
+            found = super()._load_index()
         except Exception:
             return {}
-        return found
+        return found if isinstance(found, dict) else {}
 
     def _load_data(self, name: str) -> Any:
+        data = Path(self._data_path(name)).read_bytes()
+        if hashlib.sha256(data[_DIGEST:]).digest() != data[:_DIGEST]:
+            raise FileNotFoundError(f"{name} is damaged")  # numba compiles then
         try:
-            return super()._load_data(name)
+            return pickle.loads(data[_DIGEST:])
         except Exception as error:
-            raise FileNotFoundError(f"{name} cannot be read") from error  # numba compiles then
+            raise FileNotFoundError(f"{name} cannot be read") from error
+
+    def _save_data(self, name: str, data: Any) -> None:
+        code = self._dump(data)
+        with self._open_for_write(self._data_path(name)) as file:
+            file.write(hashlib.sha256(code).digest() + code)
 
 
 #: What a module imports: ``from THIS import THESE`` or ``import THIS``.

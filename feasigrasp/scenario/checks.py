@@ -12,8 +12,8 @@ import numpy as np
 
 from feasigrasp.errors import CameraError, GraspError, ScenarioError
 from feasigrasp.models.choices import ControlSpace, Span, metadata_of, nearest
-from feasigrasp.models.robot.capsule_kernels import collides_kernel
-from feasigrasp.models.robot.capsules import arm_balls, capsule_model
+from feasigrasp.models.robot.capsule_kernels import LINKS, link_poses_kernel
+from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.sensors.depth_noise import DepthNoise
@@ -314,9 +314,14 @@ def _check_vectors(scenario: Scenario) -> None:
             )
     model = capsule_model(load_gripper(scenario.gripper))
     q = np.deg2rad(np.array(scenario.q_start, dtype=float))
-    balls = arm_balls(model)
-    lowest = np.min(balls.placed(q)[:, 2] - balls.radius)
-    if collides_kernel(q, model, 0.0) or lowest < scenario.cell.table_height:
+    R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
+    link_poses_kernel(q, R, p)
+    ends = np.einsum("cij,cej->cei", R[model.link], model.ends) + p[model.link][:, None]
+    along = ends[:, :1] + np.linspace(0.0, 1.0, 17)[:, None] * (ends[:, 1:] - ends[:, :1])
+    i, j = model.pairs.T
+    apart = np.linalg.norm(along[i][:, :, None] - along[j][:, None], axis=-1).min(axis=(1, 2))
+    lowest = np.min(ends[model.movers, :, 2] - model.radius[model.movers, None])
+    if np.any(apart < model.radius[i] + model.radius[j]) or lowest < scenario.cell.table_height:
         raise ScenarioError(
             "q_start: the arm starts in itself or in the table; give joints that are clear of both"
         )

@@ -1,6 +1,7 @@
 """Compiled functions give the same bits whoever compiled them first, and whatever was loaded."""
 
 import os
+import pickle
 import pkgutil
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numba.core.dispatcher import Dispatcher
 
 import feasigrasp
@@ -192,3 +194,42 @@ def test_where_nothing_can_be_written_it_is_compiled_without_a_cache(tmp_path):
     command = [sys.executable, str(script)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert (done.stdout, done.returncode) == ("3.0\n", 0), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("suffix", "damage"),
+    [("nbi", "empty"), ("nbc", "cut"), ("nbc", "changed"), ("nbc", "other"), ("nbc", "folder")],
+)
+def test_damaged_cache_files_are_compiled_anew(tmp_path, suffix, damage):
+    """Emptied, cut off, with one bit changed, or with something else in them."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from feasigrasp.models.compiled import compiled\n"
+        "@compiled\ndef twice(x):\n    return 2.0 * x\n\n"
+        "print(twice(1.5), sum(twice.stats.cache_hits.values()))\n"
+    )
+    environment = os.environ | {
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": str(Path(feasigrasp.__file__).parents[1]),
+    }
+
+    def run():
+        command = [sys.executable, str(script)]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.split()
+
+    assert run() == ["3.0", "0"] and run() == ["3.0", "1"]
+    (file,) = (tmp_path / "cache").rglob(f"*.{suffix}")
+    data = file.read_bytes()
+    if damage == "folder":
+        file.unlink()
+        file.mkdir()
+    else:
+        middle = len(data) // 2
+        changed = data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
+        contents = {"empty": b"", "cut": data[:middle], "changed": changed}
+        file.write_bytes(contents.get(damage, pickle.dumps(0)))
+    assert run() == ["3.0", "0"]
+    if damage != "folder":
+        assert run() == ["3.0", "1"]
