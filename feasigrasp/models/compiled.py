@@ -18,7 +18,6 @@ tests/models/test_compiled.py watches over it. `fused` is for the rest.
 from __future__ import annotations
 
 import hashlib
-import pickle
 import re
 from collections.abc import Callable
 from contextlib import suppress
@@ -30,7 +29,7 @@ from numba import njit, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.extending import intrinsic
 
-#: Size of the hash before the code in a cache file [bytes]. Source: layout.
+#: Size of the hash behind the code in a cache file [bytes]. Source: layout.
 _DIGEST = 32
 
 
@@ -64,7 +63,7 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 class _Index(IndexDataCacheFile):
     """Cache files of a function; damaged ones, or of types that are gone, are compiled anew.
 
-    The machine code stands behind its hash: changed code would run, or end the process.
+    Its hash stands behind the machine code: changed code would run, or end the process.
     """
 
     def save(self, key: Any, data: Any) -> None:
@@ -80,17 +79,16 @@ class _Index(IndexDataCacheFile):
 
     def _load_data(self, name: str) -> Any:
         data = Path(self._data_path(name)).read_bytes()
-        if hashlib.sha256(data[_DIGEST:]).digest() != data[:_DIGEST]:
+        if hashlib.sha256(data[:-_DIGEST]).digest() != data[-_DIGEST:]:
             raise FileNotFoundError(f"{name} is damaged")  # numba compiles then
         try:
-            return pickle.loads(data[_DIGEST:])
+            return super()._load_data(name)
         except Exception as error:
             raise FileNotFoundError(f"{name} cannot be read") from error
 
-    def _save_data(self, name: str, data: Any) -> None:
-        code = self._dump(data)
-        with self._open_for_write(self._data_path(name)) as file:
-            file.write(hashlib.sha256(code).digest() + code)
+    def _dump(self, obj: Any) -> bytes:
+        code: bytes = super()._dump(obj)
+        return code + hashlib.sha256(code).digest()
 
 
 #: What a module imports: ``from THIS import THESE`` or ``import THIS``.
