@@ -318,6 +318,7 @@ STATEMENTS = {
         ("within all limits | {:g} Hz |", (1 / SCENARIO.control.period,)),
         ("from sensor data alone | {:g} Hz |", (1 / value("status_monitor.PERIOD"),)),
         ("simulated truth | {:g} Hz |", (1 / value("metrics.SAMPLE_PERIOD"),)),
+        ("({:g} ms by the camera alone)", (1e3 * ALONE.cameras["wrist_camera"].output_delay,)),
         ("No reachable grasp for {:g} s", (value("next_best_view.WAITS"),)),
         ("blocked for {:g} s", (value("next_best_view._FORGOTTEN"),)),
         ("a factor of e in {:g} s", (value("next_best_view._RELAXES"),)),
