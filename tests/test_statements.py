@@ -318,7 +318,6 @@ STATEMENTS = {
         ("within all limits | {:g} Hz |", (1 / SCENARIO.control.period,)),
         ("from sensor data alone | {:g} Hz |", (1 / value("status_monitor.PERIOD"),)),
         ("simulated truth | {:g} Hz |", (1 / value("metrics.SAMPLE_PERIOD"),)),
-        ("({:g} ms by the camera alone)", (1e3 * ALONE.cameras["wrist_camera"].output_delay,)),
         ("No reachable grasp for {:g} s", (value("next_best_view.WAITS"),)),
         ("blocked for {:g} s", (value("next_best_view._FORGOTTEN"),)),
         ("a factor of e in {:g} s", (value("next_best_view._RELAXES"),)),
@@ -363,6 +362,7 @@ STATEMENTS = {
         ("ends after {:g} s with an error", (value("control.WAIT_FOR_GUARD"),)),
     ],
     "own_cell.md": [
+        ("images {:g} ms late", (1e3 * CAMERA.output_delay,)),
         ("| `palm_size` | [{:.3f}, {:.3f}, {:.3f}] |", HAND.palm_size),
         ("{} objects come with the package", (len(builtin_objects()),)),
         ("minimum depth {:g} m, stereo baseline {:g} mm", (CAMERA.z_near, 1e3 * NOISE["baseline"])),
