@@ -365,6 +365,7 @@ STATEMENTS = {
         ("ends after {:g} s with an error", (value("control.WAIT_FOR_GUARD"),)),
     ],
     "own_cell.md": [
+        ("images {:g} ms late", (1e3 * CAMERA.output_delay,)),
         ("| `palm_size` | [{:.3f}, {:.3f}, {:.3f}] |", HAND.palm_size),
         ("{} objects come with the package", (len(builtin_objects()),)),
         ("minimum depth {:g} m, stereo baseline {:g} mm", (CAMERA.z_near, 1e3 * NOISE["baseline"])),

@@ -238,7 +238,7 @@ def _check_unenforced(config: ControlConfig) -> None:
             f"control.speed is {config.speed:g}, but mode {config.mode} enforces no limit; give "
             "control.mode: safe, or control.speed: 1"
         )
-    for name in ("density", "score", "prediction", "planning_time"):
+    for name in ("density", "score", "prediction"):
         value, ours = getattr(config, name), getattr(ControlConfig(), name)
         if value != ours:
             raise ScenarioError(

@@ -255,7 +255,8 @@ class ControlConfig:
             as printed) and ``corrected`` (with our corrections) enforce nothing.
         period: Control period [s].
         planning_time: How late a plan takes effect [s], where the cell is simulated; less than
-            the time between plans, 0.02 s. The safety filter waits for no plan. For ``safe`` mode.
+            the time between plans, 0.02 s. The safety filter waits for no plan. Modes that do not
+            plan have no use for it.
         speed: Share of the arm's velocity limits that may be used, in (0, 1]; nothing exceeds it,
             plans reckon with it, and lift and shaking take as much longer. Accelerations, and
             with them braking, keep their limits. For ``safe`` mode; on hardware 0.25 by default.

@@ -172,13 +172,19 @@ def test_every_default_is_written():
 
 @pytest.mark.parametrize("name", scenario_names(FILE))
 def test_the_conditions_are_those_of_a_real_cell(name):
-    """Errors of camera and joints, friction about 0.6, a tenth of a second from view to grasps."""
+    """Errors of camera and joints, friction about 0.6, a tenth of a second from view to grasps.
+
+    Late images and planning time, where nothing but the camera tells where the object is.
+    """
     scenario = load_scenario(FILE, name)
     noise = make_camera_noise(scenario)["wrist_camera"]
+    late = scenario.cameras["wrist_camera"].output_delay, scenario.control.planning_time
     if scenario.tracker.kind == "camera":
         assert (noise.baseline, noise.decimation) == (0.018, 2.0)
+        assert late == (0.06, 0.01)
     else:
         assert noise == DepthNoise(decimation=2.0)
+        assert late == (0.0, 0.0)
     assert 0.5 <= make_friction(scenario) <= 0.7
     assert scenario.sensors == SensorsConfig()
     assert scenario.perception.latency == 0.1
