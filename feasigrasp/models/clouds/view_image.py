@@ -176,7 +176,7 @@ class ViewImage:
     def deviation(self) -> Array:
         """Expected error of the depth, shape (SIDE, SIDE) [m]: 0 where it was measured.
 
-        A surface at 45 degrees gets so far from the inpainted one: the way to what was measured.
+        The distance to what was measured; a surface at 45 degrees is as far from the filled one.
         """
         apart: Array = distance_transform_edt(~self.measured)
         return apart * self.pixel * self.depth

@@ -40,12 +40,12 @@ class RgbdReceiver(LeafSystem):
         - label_image
         - stamp
 
-    ``message`` is an ``lcmt_image_array``. ``depth_image`` is ``ImageDepth32F`` [m], infinite where
-    the camera measured nothing (0 or 65535 millimetres); ``label_image`` is ``ImageLabel16I``, all
-    0 if no mask came with the depth; ``stamp`` is V1, the time stamp of the message [s], NaN before
-    the first. An image of another size or kind than expected counts as one without depth. Drake's
-    own ``LcmImageArrayToImages`` trusts the size in a message, reads beyond its end, and
-    takes 0 mm for a depth.
+    ``message`` is an ``lcmt_image_array``. ``depth_image`` is ``ImageDepth32F`` [m], 0 where the
+    camera measured nothing, infinite where all is too far (65535 millimetres); ``label_image`` is
+    ``ImageLabel16I``, all 0 if no mask came with the depth; ``stamp`` is V1, the time stamp of the
+    message [s], NaN before the first. An image of another size or kind than expected counts as one
+    without depth. Drake's own ``LcmImageArrayToImages`` trusts the size in a message, reads beyond
+    its end, and takes 0 mm for a depth.
     """
 
     def __init__(self, width: int, height: int) -> None:
@@ -69,7 +69,7 @@ class RgbdReceiver(LeafSystem):
     def _calc_depth(self, context: Context) -> ImageDepth32F:
         image = ImageDepth32F(self._shape[1], self._shape[0])
         millimetres = self._decoded.Eval(context).get(lcmt_image.PIXEL_FORMAT_DEPTH)
-        image.mutable_data[:] = np.inf
+        image.mutable_data[:] = 0.0
         if millimetres is not None and millimetres.dtype == np.uint16:
             far = millimetres == np.iinfo(np.uint16).max
             image.mutable_data[:, :, 0] = np.where(far, np.inf, 1e-3 * millimetres)

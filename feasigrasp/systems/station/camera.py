@@ -46,11 +46,12 @@ class NoisyDepth(LeafSystem):
         output_ports:
         - depth_image
 
-    The depth images are ``ImageDepth32F`` [m]; a pixel without depth is infinite, one that is too
-    near 0. Label image and poses, X_WC and X_WO, are the true ones of the same instant. The errors
-    depend on the seed, the inputs and ``stamp`` only, the time of the image (V1) [s], so an image
-    that is read twice is the same twice, and a run repeats. Without a stamp an image is taken when
-    it is read; with one that is NaN there has been no image, and there is nothing to err.
+    The depth images are ``ImageDepth32F`` [m]; a pixel that was lost or is too near is 0, one that
+    is too far infinite. Label image and poses, X_WC and X_WO, are the true ones of the same
+    instant. The errors depend on the seed, the inputs and ``stamp`` only, the time of the image
+    (V1) [s], so an image that is read twice is the same twice, and a run repeats. Without a stamp
+    an image is taken when it is read; with one that is NaN there has been no image, and there is
+    nothing to err.
     """
 
     def __init__(
