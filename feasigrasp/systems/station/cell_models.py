@@ -35,6 +35,7 @@ from feasigrasp.models.sensors.joint_errors import JointErrors
 from feasigrasp.resources import model_path
 from feasigrasp.scenario.cell import CarrierConfig
 from feasigrasp.scenario.schema import ObjectConfig
+from feasigrasp.systems.station.directives import loading
 
 #: Gains of the joints' PD controllers, from the base to the flange [Nm/rad], [Nm s/rad]. The second
 #: are 1500 /s times a joint's largest inertia, 600 /s at the wrist, whose torques would come near
@@ -111,15 +112,9 @@ def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
     """
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(model_path("package.xml")))
-    try:
+    with loading():
         directives = _with_hand_error(config, parser.package_map())
         ProcessModelDirectives(directives, plant, parser)
-    except RuntimeError as error:
-        raise ScenarioError(
-            "the directives of the cell cannot be loaded; if they name package://drake_models, "
-            "Drake must find or download it, else use package://feasigrasp/iiwa/cell.dmd.yaml. "
-            f"Drake says: {error}"
-        ) from error
     iiwa = plant.GetModelInstanceByName("iiwa")
     for name, kp, kd, q in zip(IIWA_7.joint_names, ARM_KP, ARM_KD, config.q_start, strict=True):
         joint = plant.GetJointByName(name, iiwa)

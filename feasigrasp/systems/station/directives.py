@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -82,11 +84,29 @@ def modeled_bodies(scenario: Scenario) -> list[str]:
     return [name for name in names if name not in scenario.cell.unmodeled]
 
 
+@contextmanager
+def loading() -> Iterator[None]:
+    """Gives Drake's error about directives our words.
+
+    Raises:
+        ScenarioError: Drake cannot load them.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        raise ScenarioError(
+            "the directives of the cell cannot be loaded; if they name package://drake_models, "
+            "Drake must find or download it, else use package://feasigrasp/iiwa/cell.dmd.yaml. "
+            f"Drake says: {error}"
+        ) from error
+
+
 def _flat(scenario: Scenario) -> list[ModelDirective]:
     packages = PackageMap()
     packages.AddPackageXml(str(model_path("package.xml")))
     given = ModelDirectives(directives=scenario.directives)
-    flat: list[ModelDirective] = FlattenModelDirectives(given, packages).directives
+    with loading():
+        flat: list[ModelDirective] = FlattenModelDirectives(given, packages).directives
     return flat
 
 

@@ -272,19 +272,19 @@ def test_every_fault_is_put_where_it_arises():
 @pytest.mark.parametrize("controller", ["task", "joint"])
 def test_a_solver_that_gives_up_brakes_the_arm_within_its_limits(controller):
     """For a second no command comes from the QP: the arm brakes to rest, and goes on after."""
-    text = "faults: [!SolverFailure {start: 1.2, duration: 1.0}], grasp: {close: false}"
+    text = "faults: [!SolverFailure {start: 0.9, duration: 1.0}], grasp: {close: false}"
     diagram_scenario = scenario(f"{{{text}, control: {{controller: {controller}}}}}")
     diagram = make_dynamic_grasp(diagram_scenario)
     simulator = Simulator(diagram)
-    simulator.AdvanceTo(2.6)
+    simulator.AdvanceTo(2.3)
     log = diagram.GetSubsystemByName("log(drive)").FindLog(simulator.get_context())
     times, speed = log.sample_times(), log.data()[7:]
     assert np.isfinite(speed).all()
     change = np.abs(np.diff(speed, axis=1)) / 0.005
     assert (change <= IIWA_7.acceleration_limits[:, None] * (1 + 1e-9)).all()
-    assert np.abs(speed[:, times < 1.2]).max() > 0.1
-    assert np.abs(speed[:, (times > 1.75) & (times < 2.2)]).max() < 1e-6
-    assert np.abs(speed[:, times > 2.25]).max() > 0.01
+    assert np.abs(speed[:, times < 0.9]).max() > 0.1
+    assert np.abs(speed[:, (times > 1.45) & (times < 1.9)]).max() < 1e-6
+    assert np.abs(speed[:, times > 1.95]).max() > 0.01
 
 
 def test_a_controller_without_a_solver_cannot_have_one_that_fails():
