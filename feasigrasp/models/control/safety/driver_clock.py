@@ -13,27 +13,20 @@ from enum import Enum, auto
 
 #: Periods of drivers that are served [s]. Source: data sheet: FRI has 1 to 10 ms.
 SHORTEST, LONGEST = 0.9e-3, 10.5e-3
-#: How far a stamp may be from the instant at which the next cycle is due [periods].
-#: Source: reasoned: a lost message makes 1.
+#: How far a stamp may be from the instant at which the next cycle is due [periods], and an interval
+#: shorter or longer than the usual one [usual intervals]: what comes sooner is of no cycle, what
+#: comes later leaves cycles out, if its stamp says so too, and a clock that is faster is not this
+#: computer's. Source: reasoned: a lost message makes 1.
 JITTER = 0.75
 #: A message that comes sooner after the last than this is one of a burst [periods].
 #: Source: reasoned: a driver that gets two commands in one cycle takes the second.
 BURST = 0.3
-#: A message that comes sooner than the first, with a stamp as early, is of no cycle; nor is one out
-#: of turn that comes sooner than the second [usual intervals, periods]. Source: reasoned: between
-#: what messages and stamps are late by.
-EARLY, OUT_OF_TURN = 0.75, 0.6
-#: A message that comes later after the last than this leaves cycles out, if its stamp does, too;
-#: the second where stamps show that the clock was set [usual intervals]. Source: reasoned: a lost
-#: message makes 2, and a busy computer is late as well.
-LATE, LATE_AT_STEP = 1.75, 4.0
-#: A driver that begins with a clock faster than this computer's by more than the first ratio is
-#: refused; one that comes to it later is followed slowly from the second on, by the average over
-#: this number of cycles. Source: guessed.
-FAST, FASTER, AVERAGED = 0.75, 0.5, 200
-#: Share of the distance between a stamp and its instant that the next instant makes up for.
-#: Source: guessed.
-TRACKING = 0.5
+#: A message that comes later after the last than this leaves cycles out where stamps show that the
+#: clock was set [usual intervals]. Source: reasoned: a busy computer is late as well.
+LATE_AT_STEP = 4.0
+#: A clock that comes to be faster than this computer's by more than this ratio is followed slowly,
+#: by the average over this number of cycles. Source: guessed.
+FASTER, AVERAGED = 0.5, 200
 
 
 class Tick(Enum):
@@ -96,8 +89,8 @@ class DriverClock:
         if now is None:
             if not in_turn and 0.0 < passed < self.period:
                 return Tick.NONE
-        elif (in_turn and error < (EARLY - 1.0) * self.period and late < EARLY * usual) or (
-            not in_turn and late < OUT_OF_TURN * usual
+        elif (in_turn and error < (JITTER - 1.0) * self.period and late < JITTER * usual) or (
+            not in_turn and late < JITTER * usual
         ):
             return Tick.NONE
         else:
@@ -110,12 +103,13 @@ class DriverClock:
             self._average += (min(late / self.period, 2.0) - self._average) / AVERAGED
             self.rate = min(1.0, self._average / FASTER)
         stepped = not 0.0 < passed <= 2.0 * late + self.period
-        most = LATE_AT_STEP if stepped else LATE
+        most = LATE_AT_STEP if stepped else 1.0 + JITTER
         left_out = not in_turn and (passed > 0.0 if now is None else late > most * usual)
         gap, self._skipped = left_out or self._skipped, False
         self.passed = max(passed, self.period) if gap else self.period
         self._stamp = stamp
-        self._due = (self._due + TRACKING * error if in_turn else stamp) + self.period
+        # The next instant makes up for half of the error.
+        self._due = (self._due + 0.5 * error if in_turn else stamp) + self.period
         return Tick.GAP if gap else Tick.NEXT if in_turn else Tick.STEPPED
 
     def measure(self) -> str:
@@ -131,7 +125,7 @@ class DriverClock:
         interval = statistics.median(self._intervals) if self._intervals else self.period
         if not SHORTEST <= self.period <= LONGEST:
             return f"has a period of {1e3 * self.period:.3g} ms; set the driver to 1 to 10 ms"
-        if interval < FAST * self.period:
+        if interval < JITTER * self.period:
             return (
                 f"has stamps {1e3 * self.period:.3g} ms apart, but comes every "
                 f"{1e3 * interval:.3g} ms; stamp it with the time in us"
