@@ -12,7 +12,9 @@ from PIL import Image
 from feasigrasp import cli
 from feasigrasp.models.clouds.camera import unproject
 from feasigrasp.recordings import captured_points, read_depth_folder
+from feasigrasp.recordings.images import camera_file_of
 from feasigrasp.recordings.recorder import _SETTLING
+from feasigrasp.resources import model_path
 from tests import fake_realsense
 from tests.fake_realsense import camera, composite_frame, pixels, stream
 
@@ -48,6 +50,33 @@ def test_what_the_camera_saw_is_what_track_and_perceive_read(tmp_path, capsys):
     points = captured_points(read.files[2])
     whole = unproject(read.depth(2), read.camera.intrinsics).reshape(3, -1).T
     assert len(points) > 0 and set(map(tuple, points)) <= set(map(tuple, whole))
+
+
+def test_two_commands_lead_from_the_camera_to_grasps(monkeypatch, tmp_path):
+    """The camera looks at the mug of the packaged capture."""
+    depth, mask = (model_path("capture", kind, "mug.png") for kind in ("depth", "mask"))
+    seen, info = np.asarray(Image.open(depth)), json.loads(camera_file_of(depth).read_text())
+    height, width = seen.shape
+    for name in ("fx", "fy", "ppx", "ppy"):
+        key = {"ppx": "cx", "ppy": "cy"}.get(name, name)
+        monkeypatch.setattr(fake_realsense.intrinsics, name, info[key])
+    monkeypatch.setattr(fake_realsense.intrinsics, "width", width)
+    monkeypatch.setattr(fake_realsense.intrinsics, "height", height)
+    units = (1e4 * 1e-3 * info["depth_scale"] * seen).astype(np.uint16)
+
+    def plays(kind, number):
+        return units if kind is stream.depth else np.zeros((height, width, 3), np.uint8)
+
+    monkeypatch.setattr(camera, "plays", plays)
+    out, grasps = tmp_path / "a", tmp_path / "grasps.json"
+    words = ["--out", str(out), "--frames", "1", "--size", f"{width}x{height}"]
+    assert cli.main(["record", *words]) == 0
+    image = str(out / "depth" / "000000.png")
+    picture = ["--picture", str(tmp_path / "a.png")]
+    words = ["--depth", image, "--mask", str(mask), "--grasps", str(grasps), *picture]
+    assert cli.main(["perceive", *words]) == 0
+    found = json.loads(grasps.read_text())
+    assert len(found["poses"]) >= 3 and found["frame"] == "camera"
 
 
 def test_it_ends_after_a_time(tmp_path, capsys):
