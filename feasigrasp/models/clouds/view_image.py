@@ -230,8 +230,8 @@ def view_image(points: Array, p_OC: Array, outline: Outline | None = None) -> Vi
     middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
     R = _looking_along(R @ np.append(middle, 1.0))
     at, depth_of = _projected(points, p_OC, R)
-    dark = _in_picture(unmeasured, R)
-    pixel = 2.0 * float(max(np.abs(at).max(), np.abs(dark).max(initial=0.0))) / (SIDE - 2 * MARGIN)
+    lost = _in_picture(unmeasured, R)
+    pixel = 2.0 * float(max(np.abs(at).max(), np.abs(lost).max(initial=0.0))) / (SIDE - 2 * MARGIN)
     pixel = max(pixel, 1e-6)
     some = at[:: -(-len(at) // 200)]
     # A pixel's four neighbours are one pitch away; for points at random it is about the same.
@@ -252,8 +252,8 @@ def view_image(points: Array, p_OC: Array, outline: Outline | None = None) -> Vi
     X_OC[:3, :3], X_OC[:3, 3] = R, p_OC
     depth, front = (np.where(measured, part, 0.0) for part in (mean + total, mean + total - steep))
     mask = measured
-    if len(dark):
-        mask = measured | _silhouette(dark, pixel, pitch, blur)[0]
+    if len(lost):
+        mask = measured | _silhouette(lost, pixel, pitch, blur)[0]
         depth = _inpainted(depth, measured, mask)
     image = ViewImage(X_OC, pixel, pitch, mask, depth, front, measured)
     return image if outline is None else _outlined(image, outline)
@@ -262,6 +262,7 @@ def view_image(points: Array, p_OC: Array, outline: Outline | None = None) -> Vi
 def _in_picture(rays: Array, R: Array) -> Array:
     """Positions (n, 2) in the plane z = 1 of lines of sight before the camera."""
     in_camera = rays @ R
+    # Nearer to the image plane they would be out of every picture, or behind the camera.
     before = in_camera[:, 2] > 0.1 * np.linalg.norm(in_camera, axis=1)
     return np.asarray(in_camera[before, :2] / in_camera[before, 2:])
 
@@ -289,8 +290,9 @@ def _silhouette(at: Array, pixel: float, pitch: float, blur: float) -> tuple[Mas
 def _inpainted(depth: Array, measured: Mask, mask: Mask) -> Array:
     """Depths of all pixels of a mask: harmonic inpainting of those that were not measured.
 
-    Every one is the mean of its neighbours in the mask (Laplace's equation, with what was measured
-    as boundary values; Bertalmio et al., "Image inpainting", SIGGRAPH 2000, review such schemes).
+    Jacobi's iteration of Laplace's equation, every one the mean of its neighbours in the mask, with
+    what was measured as boundary values. It begins at the nearest of these, and after one sweep per
+    pixel of the side what is left to gain is less than the errors that `deviation` states.
     """
     nearest = distance_transform_edt(~measured, return_distances=False, return_indices=True)
     filled = np.where(mask, depth[nearest[0], nearest[1]], 0.0)

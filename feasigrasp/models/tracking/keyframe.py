@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,7 +55,7 @@ def keyframe_of(
     *,
     begun_at: float = -np.inf,
 ) -> Keyframe:
-    """A view as a keyframe.
+    """A view as a keyframe, without its outline: most are looked at and not merged.
 
     Args:
         view: The view.
@@ -68,10 +68,15 @@ def keyframe_of(
     # together than the model is fine.
     points_W = view.points_W[:: -(-len(view.points_W) // 6000)]
     p_OC = _in_object(X_WO, view.X_WC[:3, 3])
-    outline = view.outline
-    if outline is not None:
-        outline = outline.turned(X_WO[:3, :3].T @ view.X_WC[:3, :3])
-    return Keyframe(_in_object(X_WO, points_W), p_OC, time, deviation, begun_at, outline)
+    return Keyframe(_in_object(X_WO, points_W), p_OC, time, deviation, begun_at)
+
+
+def outlined(key: Keyframe, view: ObjectView, X_WO: Array) -> Keyframe:
+    """A keyframe with the outline of its view, in which the object has the pose X_WO (4, 4)."""
+    found = view.outline()
+    if found is None:
+        return key
+    return replace(key, outline=found.turned(X_WO[:3, :3].T @ view.X_WC[:3, :3]))
 
 
 def is_worth_merging(key: Keyframe, found: Registration, last: float, views: ViewRecord) -> bool:

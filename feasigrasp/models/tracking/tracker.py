@@ -33,6 +33,7 @@ from feasigrasp.models.tracking.keyframe import (
     is_cut,
     is_worth_merging,
     keyframe_of,
+    outlined,
 )
 from feasigrasp.models.tracking.model import TrackedModel, surface_deviation
 from feasigrasp.models.tracking.reacquisition import (
@@ -188,7 +189,8 @@ def track(
             X_WO = after.estimate.X_WO
             key = keyframe_of(view, X_WO, time, after.deviation, begun_at=after.begun_at)
             if is_worth_merging(key, found, before.keyframe.time, views):
-                after = replace(after, keyframe=key, cut=cut_off(after.cut, view, X_WO))
+                key, cut = outlined(key, view, X_WO), cut_off(after.cut, view, X_WO)
+                after = replace(after, keyframe=key, cut=cut)
         return _passed_on(after)
     other = second() if second is not None else None
     if other is not None:
@@ -339,7 +341,7 @@ def _begun(before: FieldTrack, view: ObjectView, time: float) -> FieldTrack:
             estimate=estimate,
             in_view=1.0,
             deviation=0.0,
-            keyframe=keyframe_of(view, X_WO, time, begun_at=time),
+            keyframe=outlined(keyframe_of(view, X_WO, time, begun_at=time), view, X_WO),
             cut=cut_off(np.zeros((0, 3)), view, X_WO),
             begun_at=time,
         )

@@ -136,26 +136,28 @@ class ObjectView(Frozen):
         measured = self.depth[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)]
         return np.asarray(measured < points_C[:, 2] - _BEHIND)
 
-    @cached_property
     def outline(self) -> Outline | None:
-        """Pixels without depth amid the object, in the camera's axes; None without an image.
+        """Pixels without depth inside the convex hull of the object's, in the camera's axes.
 
-        They are inside the convex hull of the pixels that show it.
+        None without an image, or where the object shows less than an area.
         """
-        uv = np.stack([np.rint(c).astype(int) for c in self.camera.pixels(self.points_C)], axis=1)
-        if self.depth is None or min(np.ptp(uv, axis=0), default=0) < 2:
+        columns, rows = (np.rint(c).astype(int) for c in self.camera.pixels(self.points_C))
+        if self.depth is None or len(rows) == 0 or min(np.ptp(rows), np.ptp(columns)) < 2:
             return None
-        low = np.maximum(uv.min(axis=0) - 1, 0)
-        part = self.depth[low[1] : uv[:, 1].max() + 2, low[0] : uv[:, 0].max() + 2]
-        kept = np.zeros(part.shape, dtype=bool)
-        kept[uv[:, 1] - low[1], uv[:, 0] - low[0]] = True
-        missing = np.stack(np.nonzero(~(part > 0.0))[::-1], axis=1)
-        sides = ConvexHull(uv - low, qhull_options="QJ").equations
-        inside = missing[(missing @ sides[:, :2].T + sides[:, 2] <= 0.0).all(axis=1)]
+        top, left = max(rows.min() - 1, 0), max(columns.min() - 1, 0)
+        depth: Array = self.depth[top : rows.max() + 2, left : columns.max() + 2]
+        kept: Mask = np.zeros(depth.shape, dtype=bool)
+        kept[rows - top, columns - left] = True
+        shown = np.flatnonzero(kept.any(axis=1))
+        lines = kept[shown]
+        ends = lines.argmax(axis=1), kept.shape[1] - 1 - lines[:, ::-1].argmax(axis=1)
+        rim = np.stack([np.tile(shown, 2), np.concatenate(ends)], axis=1)
+        sides = ConvexHull(rim, qhull_options="QJ").equations
+        missing = np.stack(np.nonzero(~(depth > 0.0)), axis=1)
+        inside = (missing @ sides[:, :2].T + sides[:, 2] <= 0.0).all(axis=1)
         of_body = kept.copy()
-        of_body[inside[:, 1], inside[:, 0]] = True
-        corner = int(low[1]), int(low[0])
-        return outline(kept, of_body, np.zeros_like(kept), corner, self.camera)
+        of_body[tuple(missing[inside].T)] = True
+        return outline(kept, of_body, np.zeros_like(kept), (int(top), int(left)), self.camera)
 
     @cached_property
     def _silhouette(self) -> tuple[tuple[int, int], Indices, Array, Array]:
