@@ -290,9 +290,9 @@ def _silhouette(at: Array, pixel: float, pitch: float, blur: float) -> tuple[Mas
 def _inpainted(depth: Array, measured: Mask, mask: Mask) -> Array:
     """Depths of all pixels of a mask: harmonic inpainting of those that were not measured.
 
-    Jacobi's iteration of Laplace's equation, every one the mean of its neighbours in the mask, with
-    what was measured as boundary values. It begins at the nearest of these, and after one sweep per
-    pixel of the side what is left to gain is less than the errors that `deviation` states.
+    Jacobi's iteration of Laplace's equation: every one is the mean of its neighbours in the mask,
+    and what was measured are the boundary values. It begins at the nearest of these; one sweep per
+    pixel of the side leaves the largest holes short of convergence.
     """
     nearest = distance_transform_edt(~measured, return_distances=False, return_indices=True)
     filled = np.where(mask, depth[nearest[0], nearest[1]], 0.0)

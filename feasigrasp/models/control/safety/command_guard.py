@@ -16,7 +16,7 @@ import numpy as np
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.safety.driver_clock import SHORTEST, DriverClock, Tick
+from feasigrasp.models.control.safety.driver_clock import JITTER, SHORTEST, DriverClock, Tick
 from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel
 from feasigrasp.models.quantities import Positive, PositiveShare
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -108,7 +108,7 @@ class CommandGuard:
         sent = self._recent.get(stamp, q.tobytes())
         stamps = [*self._recent][1 - self.COUNTED :]
         often = len(stamps) == self.COUNTED - 1 and step > 0.0 and not self._starting
-        often = often and stamp - stamps[0] < 0.75 * len(stamps) * self._clock.period
+        often = often and stamp - stamps[0] < JITTER * len(stamps) * self._clock.period
         strange = abs(ahead - self._ahead) > self.MAX_DRIFT or 0.0 < abs(step) < 0.5 * SHORTEST
         if strange or often or sent != q.tobytes():
             self._others.append(self._time)
@@ -117,11 +117,11 @@ class CommandGuard:
             return False
         if step <= 0.0:
             return False
-        self._ahead += 0.01 * (ahead - self._ahead)
+        self._ahead += 0.01 * (ahead - self._ahead)  # clocks drift, by less than this follows
         self._rate = (q - self._requested) / step  # 0 of the first
         self._requested, self._stamp, self._received_at = q, stamp, self._time
         self._recent[stamp] = q.tobytes()
-        if len(self._recent) > 64:
+        if len(self._recent) > 64:  # older copies are no newer than the last request anyway
             del self._recent[next(iter(self._recent))]
         return True
 
@@ -159,7 +159,7 @@ class CommandGuard:
         return self._q.copy()
 
     def _rest(self, measured: Array, held: Array | None) -> None:
-        """Begins at the position that the driver holds, which is the last command if not said."""
+        """Begins where the driver is: at the position of its message, else at the last command."""
         self._v, self.moving = np.zeros(IIWA_7.joints), False
         for q, within in ((held, self.MAX_DISTANCE), (self._q, self.MAX_LEAD)):
             if q is not None and np.abs(q - measured).max() <= within:
