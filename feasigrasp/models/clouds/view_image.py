@@ -296,13 +296,11 @@ def _inpainted(depth: Array, measured: Mask, mask: Mask) -> Array:
     """
     nearest = distance_transform_edt(~measured, return_distances=False, return_indices=True)
     filled = np.where(mask, depth[nearest[0], nearest[1]], 0.0)
-    inside = mask.astype(float)
     around = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
-    neighbours = np.maximum(convolve(inside, around, mode="constant"), 1.0)
-    unknown = mask & ~measured
+    neighbours = np.maximum(convolve(mask.astype(float), around, mode="constant"), 1.0)
     for _ in range(SIDE):
         mean = convolve(filled, around, mode="constant") / neighbours
-        filled[unknown] = mean[unknown]
+        filled = np.where(mask & ~measured, mean, filled)
     return filled
 
 

@@ -141,12 +141,8 @@ class Intake:
             self._used[channel] = now, 0
             return True
         self._used[channel] = used, unused + (passed != 0.0)
-        if (
-            self.clock_set is not None
-            or now - used < SET_AFTER
-            or unused < SET_COUNT
-            or passed == 0.0
-        ):
+        steady = now - used < SET_AFTER or unused < SET_COUNT or passed == 0.0
+        if steady or self.clock_set is not None:
             return False
         if arm and self.begun:
             self.clock_set = passed - (now - used)

@@ -106,8 +106,7 @@ def _flat(scenario: Scenario) -> list[ModelDirective]:
     packages.AddPackageXml(str(model_path("package.xml")))
     given = ModelDirectives(directives=scenario.directives)
     with loading():
-        flat: list[ModelDirective] = FlattenModelDirectives(given, packages).directives
-    return flat
+        return list(FlattenModelDirectives(given, packages).directives)
 
 
 def _obstacle(obstacle: StaticObstacle) -> list[ModelDirective]:

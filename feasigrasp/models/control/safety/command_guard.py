@@ -126,11 +126,7 @@ class CommandGuard:
         return True
 
     def command(
-        self,
-        time: float,
-        measured: Array,
-        held: Array | None = None,
-        now: float | None = None,
+        self, time: float, measured: Array, held: Array | None = None, now: float | None = None
     ) -> Array | None:
         """The positions to send at a status message; None if nothing may be sent.
 
