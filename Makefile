@@ -18,7 +18,7 @@ demo: setup-demo
 test: export OMP_NUM_THREADS = 1
 test: setup
 	@$(MAKE) --no-print-directory --jobs 2 lint warm-up
-	$(PYTHON) -m pytest -n auto --maxprocesses 4 --dist loadfile
+	$(PYTHON) -m pytest -n auto --maxprocesses 4 --dist worksteal
 
 # One run with the newest Python and Drake that can be had here.
 try-newest: setup

@@ -51,9 +51,12 @@ class ReceivedCommands:
         self._utime: list[int] = []
         self._q: list[Array] = []
         self._subscriptions = [
-            lcm.Subscribe(channels.IIWA_COMMAND, self._command),
-            lcm.Subscribe(channels.IIWA_REQUEST, lambda data: self.requests.append(now())),
+            channels.subscribe(lcm, channels.IIWA_COMMAND, self._command),
+            channels.subscribe(lcm, channels.IIWA_REQUEST, self._request),
         ]
+
+    def _request(self, _: bytes) -> None:
+        self.requests.append(self._now())
 
     def _command(self, data: bytes) -> None:
         command = lcmt_iiwa_command.decode(data)

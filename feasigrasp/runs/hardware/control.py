@@ -168,7 +168,7 @@ class _Commands:
 
     def __init__(self, lcm: DrakeLcm) -> None:
         self._received, self._last = False, 0.0
-        self._subscription = lcm.Subscribe(channels.IIWA_COMMAND, self._receive)
+        self._subscription = channels.subscribe(lcm, channels.IIWA_COMMAND, self._receive)
 
     def _receive(self, _: bytes) -> None:
         self._received = True

@@ -5,7 +5,10 @@ drake-schunk-driver's, ``DRAKE_RGBD_CAMERA_IMAGES_*`` what Drake's own camera pu
 time stamps are microseconds of one clock, that of the computer that the drivers run on.
 """
 
+import weakref
+from collections.abc import Callable
 from ipaddress import ip_address
+from typing import Any
 from urllib.parse import urlsplit
 
 from drake import (
@@ -52,6 +55,30 @@ def inbound(scenario: Scenario) -> dict[str, type]:
         OBJECT_POSE: lcmt_robot_state,
         **{image_channel(name): lcmt_image_array for name in scenario.cameras},
     }
+
+
+def subscribe(lcm: DrakeLcm, channel: str, receive: Callable[..., None], *given: Any) -> Any:
+    """Has a method called with what comes on a channel, without keeping its object alive.
+
+    A bus holds its handlers out of sight of Python's garbage collector: an object that has both
+    the bus and a handler would never be freed, nor the file descriptors of the bus.
+
+    Args:
+        lcm: The bus.
+        channel: The channel.
+        receive: The method; a message's bytes are its last argument.
+        given: Its other arguments.
+
+    Returns:
+        The subscription.
+    """
+    method = weakref.WeakMethod(receive)
+
+    def handle(data: bytes) -> None:
+        if (call := method()) is not None:
+            call(*given, data)
+
+    return lcm.Subscribe(channel, handle)
 
 
 def open_lcm(url: str) -> DrakeLcm:

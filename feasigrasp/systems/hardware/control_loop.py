@@ -6,7 +6,7 @@ import math
 import struct
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from drake import lcmt_iiwa_status, lcmt_image_array
@@ -75,7 +75,8 @@ class Intake:
         self._statuses: deque[tuple[int, bytes]] = deque()
         self.dropped: Counter[str] = Counter()
         self._subscriptions = [
-            lcm.Subscribe(channel, self._taker(channel, kind)) for channel, kind in kinds.items()
+            channels.subscribe(lcm, channel, self._take, channel, kind)
+            for channel, kind in kinds.items()
         ]
 
     def receive(self, timeout: float) -> None:
@@ -104,28 +105,25 @@ class Intake:
         self._inbox.Publish(channel, bytes(stamped))
         self._inbox.HandleSubscriptions(0)
 
-    def _taker(self, channel: str, kind: type) -> Callable[[bytes], None]:
-        def take(data: bytes) -> None:
-            message: Any = decode(kind, data)
-            stamped = message.header if isinstance(message, lcmt_image_array) else message
-            # The arm's driver sends -1 until its clock and the robot's are synchronized.
-            if message is None or stamped.utime < 0 or not self._in_step(channel, stamped.utime):
+    def _take(self, channel: str, kind: type, data: bytes) -> None:
+        message: Any = decode(kind, data)
+        stamped = message.header if isinstance(message, lcmt_image_array) else message
+        # The arm's driver sends -1 until its clock and the robot's are synchronized.
+        if message is None or stamped.utime < 0 or not self._in_step(channel, stamped.utime):
+            self.dropped[channel] += 1
+            return
+        if isinstance(message, lcmt_image_array):
+            pictures = [image.data for image in message.images]
+            frozen = bool(pictures) and pictures == self._pictures.get(channel)
+            self._pictures[channel] = pictures
+            if frozen:  # noise makes two images of a camera differ, whatever they show
                 self.dropped[channel] += 1
                 return
-            if isinstance(message, lcmt_image_array):
-                pictures = [image.data for image in message.images]
-                frozen = bool(pictures) and pictures == self._pictures.get(channel)
-                self._pictures[channel] = pictures
-                if frozen:  # noise makes two images of a camera differ, whatever they show
-                    self.dropped[channel] += 1
-                    return
-            self._utime[channel] = stamped.utime
-            if kind is lcmt_iiwa_status:
-                self._statuses.append((stamped.utime, data))
-            else:
-                self._newest[channel] = data
-
-        return take
+        self._utime[channel] = stamped.utime
+        if kind is lcmt_iiwa_status:
+            self._statuses.append((stamped.utime, data))
+        else:
+            self._newest[channel] = data
 
     def _in_step(self, channel: str, utime: int) -> bool:
         """Whether a stamp [us] follows on the last one of its channel, as far as time has passed.

@@ -64,9 +64,9 @@ class Guard:
         self._doubled = 0
         self._answered_at = self._clock()
         self._subscriptions = [
-            lcm.Subscribe(channels.IIWA_REQUEST, self._request),
-            lcm.Subscribe(channels.IIWA_STATUS, self._answer),
-            lcm.Subscribe(channels.IIWA_COMMAND, self._receive),
+            channels.subscribe(lcm, channels.IIWA_REQUEST, self._request),
+            channels.subscribe(lcm, channels.IIWA_STATUS, self._answer),
+            channels.subscribe(lcm, channels.IIWA_COMMAND, self._receive),
         ]
 
     def serve(self) -> None:

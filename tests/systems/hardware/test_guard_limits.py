@@ -31,7 +31,7 @@ class Rig:
         self.q, self.asked, self.speed = START.copy(), START.copy(), 0.0
         self.held, self.cycle, self.behind = [START.copy()], 0, 0.0
         self.guard = guard.Guard(self.lcm, clock=lambda: self.now + self.behind)
-        self.lcm.Subscribe(channels.IIWA_COMMAND, self.command)
+        channels.subscribe(self.lcm, channels.IIWA_COMMAND, self.command)
 
     def command(self, data):
         self.q = np.array(lcmt_iiwa_command.decode(data).joint_position)

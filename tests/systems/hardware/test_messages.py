@@ -1,5 +1,9 @@
 """Images and poses are the same behind the wire, as exactly as the messages are."""
 
+import gc
+import os
+import weakref
+
 import numpy as np
 import pytest
 from drake import lcmt_image, lcmt_image_array
@@ -132,3 +136,23 @@ def test_a_url_of_no_message_bus_is_refused_at_once(url):
 @pytest.mark.parametrize("url", [channels.LCM_URL, "memq://"])
 def test_urls_of_message_buses_are_taken(url):
     assert isinstance(channels.open_lcm(url), DrakeLcm)
+
+
+def test_what_receives_messages_is_freed_with_its_bus():
+    class Receiver:
+        def __init__(self):
+            self.lcm, self.got = DrakeLcm("memq://"), []
+            channels.subscribe(self.lcm, "words", self.receive, "given")
+
+        def receive(self, given, data):
+            self.got.append((given, data))
+
+    receiver, there = Receiver(), len(os.listdir("/proc/self/fd"))
+    receiver.lcm.Publish("words", b"message")
+    receiver.lcm.HandleSubscriptions(0)
+    assert receiver.got == [("given", b"message")]
+    gone = weakref.ref(receiver)
+    del receiver
+    gc.collect()
+    assert gone() is None
+    assert len(os.listdir("/proc/self/fd")) < there
