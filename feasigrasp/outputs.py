@@ -5,6 +5,7 @@ Devices, pipes and other files that are not regular stay what they are: they are
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -126,3 +127,13 @@ def save_figure(figure: Any, filename: str | Path, **options: Any) -> None:
         raise OutputError(f"{filename}: end it in .png, or in one of {', '.join(known)}")
     with replacing(filename) as file:
         figure.savefig(file, format=picture, **options)
+
+
+def write_json(content: dict[str, Any], filename: Path) -> None:
+    """Writes JSON, whole or not at all: a killed process leaves no half a file.
+
+    Raises:
+        ValueError: There is a NaN or an infinity in it, which JSON does not know.
+        OutputError: The file cannot be written.
+    """
+    write_text(filename, json.dumps(content, indent=2, allow_nan=False) + "\n")

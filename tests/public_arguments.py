@@ -24,7 +24,6 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.grasps import AntipodalSampler, GraspSet, NetworkSampler, Perception
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
-from feasigrasp.models.mixtures import RiemannianMixture
 from feasigrasp.models.objects import HarmonicMotion, load_object
 from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import MotionEstimate
@@ -119,7 +118,6 @@ class Examples:
         seen = FusedCloud.empty(0.003, smooth=True).merged(cloud[cloud[:, 2] > 0], [0, 0, 0.4])
         grasp = np.diag([1.0, -1.0, -1.0, 1.0])
         grasps = GraspSet(np.stack([grasp] * 3), np.full(3, 0.08), np.ones(3), {"colour": 1})
-        mixture = RiemannianMixture(np.ones(2), poses[:2], np.stack([np.eye(6)] * 2))
         gripper, reach = ParallelGripper(), Reachability()
         camera = Camera((280.0, 280.0, 159.5, 119.5), 320, 240, 0.07, 0.005)
         X_WC = se3.make_pose(grasp[:3, :3], [0.0, 0.0, 0.4])
@@ -156,7 +154,6 @@ class Examples:
             "GraspSet": grasps,
             "NetworkSampler": NetworkSampler(),
             "Perception": Perception(seen, self.gpdf, grasps, gripper, np.ones(3), 0, np.ones(3)),
-            "RiemannianMixture": mixture,
             "HarmonicMotion": motion,
             "ObjectMotion": motion,
             "RigidObject": mesh,
@@ -210,8 +207,6 @@ class Examples:
             # ik
             "X_WF": poses, "psi": np.zeros(5), "u": np.full((5, 7), 0.5),
             "path": folder / "saved.npz",
-            # mixtures
-            "X_samples": poses, "n_components": 1, "sample_weights": np.ones(5), "start": mixture,
             # objects
             "t": 0.5, "name": "network", "mesh": mesh.mesh, "density": 300.0,
             "name_or_path": "ball", "load_object.mass": None,

@@ -22,12 +22,12 @@ from feasigrasp.inputs import read_arrays, read_json
 from feasigrasp.models.clouds.files import read_cloud
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.weights_file import WEIGHTS, WeightsError, WeightsFormat
-from feasigrasp.runs.results.arguments import names, select_objects
 from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab import WEIGHTS as LAB_WEIGHTS
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
 from feasigrasp_lab.report.markdown_report import ReportError, sections
+from feasigrasp_lab.results.arguments import names, select_objects
 from feasigrasp_lab.results.finished import read_finished
 from feasigrasp_lab.runs import isolated
 from feasigrasp_lab.runs.plan import PlannedRun

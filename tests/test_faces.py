@@ -17,7 +17,6 @@ PROMISED = {
     "feasigrasp.models.sensors": "DepthNoise CameraErrors Material",
     "feasigrasp.models.grasps": "GraspSet perceive make_sampler AntipodalSampler NetworkSampler "
     "filter_grasps",
-    "feasigrasp.models.mixtures": "RiemannianMixture fit_riemannian_mixture fit_best_mixture",
     "feasigrasp.models.robot": "ParallelGripper WSG_50 forward_kinematics pose_and_jacobian "
     "manipulability",
     "feasigrasp.models.ik": "closed_form",

@@ -17,7 +17,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 
-from feasigrasp.runs.results.rows import write_json
+from feasigrasp.outputs import write_json
 from feasigrasp_lab.report.html_report import write_page
 from feasigrasp_lab.report.markdown_report import sections
 from tools.constants import SOURCES, constants

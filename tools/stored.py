@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from feasigrasp.runs.metrics.table import FIGURES, METRICS
-from feasigrasp.runs.results.rows import Row
 from feasigrasp_lab.protocols.tuned import TUNED
 from feasigrasp_lab.report.paper_tables import (
     TABLE_1,
@@ -19,6 +18,7 @@ from feasigrasp_lab.report.paper_tables import (
     TABLE_3_JOINT,
     TABLE_3_TASK,
 )
+from feasigrasp_lab.results.rows import Row
 
 ROOT = Path(__file__).resolve().parents[1]
 STORE = ROOT / "feasigrasp_lab" / "results"

@@ -19,7 +19,7 @@ import yaml
 from feasigrasp.commands.warm_up import compile_in_advance
 from feasigrasp.errors import FeasigraspError, OutputError
 from feasigrasp.models.choices import controller_names, mode_names
-from feasigrasp.outputs import check_outputs, replacing, write_text
+from feasigrasp.outputs import check_outputs, replacing, write_json, write_text
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.console import StatusLine, summary
 from feasigrasp.runs.hardware.control import run_hardware
@@ -27,7 +27,6 @@ from feasigrasp.runs.live import LiveView
 from feasigrasp.runs.replay import quiet_meshcat
 from feasigrasp.runs.results.arguments import print_notes, share
 from feasigrasp.runs.results.interrupts import STATUS
-from feasigrasp.runs.results.rows import write_json
 from feasigrasp.runs.run import INTERRUPTED, run
 from feasigrasp.scenario.files import load_scenario, only_scenario
 from feasigrasp.scenario.parts import load_part

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from importlib import import_module
 
-from feasigrasp.runs.results.arguments import add_common_arguments
+from feasigrasp_lab.results.arguments import add_common_arguments
 
 BENCHMARKS = ("shape", "kinematics", "reachability", "control", "sampler")
 

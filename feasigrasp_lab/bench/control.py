@@ -37,14 +37,14 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.runs.results.arguments import add_common_arguments
-from feasigrasp.runs.results.rows import Row, format_rows
 from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
 from feasigrasp_lab.paper.controllers import PaperJointController, PaperTaskController
 from feasigrasp_lab.paper.joint_law import PaperJointOptions
 from feasigrasp_lab.peers.control import ArrayJointStep, ArrayTaskStep
 from feasigrasp_lab.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
+from feasigrasp_lab.results.arguments import add_common_arguments
+from feasigrasp_lab.results.rows import Row, format_rows
 
 #: Where the arm is [rad]. Source: guessed.
 HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])

@@ -18,11 +18,11 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.weights_file import WeightsError
-from feasigrasp.runs.results.arguments import add_common_arguments
 from feasigrasp_lab.arm.self_collision import IIWA_CAPSULES, in_collision, in_collision_kernel
 from feasigrasp_lab.measures.timing import Case, installed, report_bench, time_cases
 from feasigrasp_lab.paper.ik_flow import IkFlow
 from feasigrasp_lab.peers.drake_arm import DrakeArm
+from feasigrasp_lab.results.arguments import add_common_arguments
 
 
 def pinocchio_kinematics() -> Callable[[Array], tuple[Array, Array]]:

@@ -27,8 +27,6 @@ from feasigrasp.models.reach.feasible_grasps import feasible_grasps
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation
 from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.runs.results.arguments import add_common_arguments
-from feasigrasp.runs.results.rows import Row
 from feasigrasp_lab.measures.timing import (
     Case,
     Timing,
@@ -38,6 +36,8 @@ from feasigrasp_lab.measures.timing import (
 )
 from feasigrasp_lab.paper.judge import JudgeMethod, PoseJudge
 from feasigrasp_lab.paper.predicted_reachability import KeepingRule, judge_grasps
+from feasigrasp_lab.results.arguments import add_common_arguments
+from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.training.reachability.fit_mixture import LargeFit, em_pass, fit_large_mixture
 from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp_lab.training.reachability.reachable_poses import IiwaArm, sample_reachable_poses

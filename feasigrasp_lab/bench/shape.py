@@ -27,8 +27,6 @@ from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_field, fit_gpdf
 from feasigrasp.models.shape.node_sums import gram_lower
-from feasigrasp.runs.results.arguments import add_common_arguments, select_objects
-from feasigrasp.runs.results.rows import Row
 from feasigrasp_lab.measures.timing import (
     Case,
     Timing,
@@ -37,6 +35,8 @@ from feasigrasp_lab.measures.timing import (
     timing_row,
 )
 from feasigrasp_lab.paper.field import PAPER
+from feasigrasp_lab.results.arguments import add_common_arguments, select_objects
+from feasigrasp_lab.results.rows import Row
 
 #: Where the camera looks from, relative to the object's centre [m]. Source: guessed.
 CAMERA = np.array([0.35, 0.2, 0.3])

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.runs.results.statistics import area_under_curve
+from feasigrasp_lab.results.statistics import area_under_curve
 from feasigrasp_lab.training.data.views import PartialView, ViewedObject
 
 # The completed surface itself, the zero level set of a distance field, as dense samples.

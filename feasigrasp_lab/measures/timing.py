@@ -13,8 +13,8 @@ from typing import Any, NamedTuple, TypeVar
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.runs.results.rows import Row, report_rows, write_csv
-from feasigrasp.runs.results.statistics import Estimate
+from feasigrasp_lab.results.rows import Row, report_rows, write_csv
+from feasigrasp_lab.results.statistics import Estimate
 
 Result = TypeVar("Result")
 

@@ -1,7 +1,7 @@
 """Single-precision density of a Riemannian mixture for blocks of poses.
 
 They serve millions of poses, where speed decides and an error of 1e-5 in a log density does not
-matter (``feasigrasp bench reachability``, bench.em_pass_s); `feasigrasp.models.mixtures.mixture`
+matter (``feasigrasp bench reachability``, bench.em_pass_s); `feasigrasp_lab.mixtures.mixture`
 has the exact ones for one pose at a time. What makes them fast:
 
 * Structure of arrays: a block of poses is ``(7, BLOCK)``, quaternion wxyz and position, so that
@@ -27,8 +27,8 @@ from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import quaternion_kernel
-from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.numerics.fast_math import wide_vectors
+from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 
 Float32Array = NDArray[np.float32]
 

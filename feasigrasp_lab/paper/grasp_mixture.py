@@ -17,8 +17,8 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.grasps.approach_corridor import grasp_errors_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.mixtures.fit import fit_best_mixture
-from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp_lab.mixtures.fit import fit_best_mixture
+from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 
 #: Metres that count as much as one radian in comparing poses. Source: guessed.
 LENGTH_PER_RADIAN = 0.1

@@ -23,10 +23,10 @@ from feasigrasp.inputs import read_arrays
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.choices import parse_choice
-from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.quantities import UNKNOWN_POSES
 from feasigrasp.outputs import replacing
 from feasigrasp_lab import WEIGHTS
+from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.float32_kernels import Float32Array, log_densities, pack
 
 #: The file of flange poses of the iiwa 7 with its hand.

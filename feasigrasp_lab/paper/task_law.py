@@ -24,10 +24,10 @@ from feasigrasp.models.geometry.se3_kernels import (
     inverse_kernel,
     right_jacobian_inverse_kernel,
 )
-from feasigrasp.models.mixtures.mixture import Parameters, evaluate_kernel, posterior_kernel
 from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
+from feasigrasp_lab.mixtures.mixture import Parameters, evaluate_kernel, posterior_kernel
 from feasigrasp_lab.paper.grasp_mixture import LENGTH_PER_RADIAN, GraspMixture
 from feasigrasp_lab.paper.options import Law, Targets
 

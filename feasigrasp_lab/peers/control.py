@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.geometry.se3 import hat
-from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.task_law import PaperTaskOptions
 
 Array = Any  # an array of NumPy or a tensor of torch

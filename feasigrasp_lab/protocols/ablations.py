@@ -8,11 +8,11 @@ from typing import Any
 from feasigrasp.models.choices import ControlSpace
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.objects.predicted_poses import PredictionModel
-from feasigrasp.runs.results.rows import Row
-from feasigrasp.runs.results.statistics import mean_of_objects
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.protocols.degradations import Change, unchanged
 from feasigrasp_lab.results.finished import Record
+from feasigrasp_lab.results.rows import Row
+from feasigrasp_lab.results.statistics import mean_of_objects
 
 
 def _with(keys: Mapping[str, Any]) -> Change:

@@ -13,8 +13,8 @@ from typing import Any
 import yaml
 
 from feasigrasp.models.objects.rigid_object import builtin_objects
-from feasigrasp.runs.results.rows import Row
-from feasigrasp.runs.results.statistics import grouped
+from feasigrasp_lab.results.rows import Row
+from feasigrasp_lab.results.statistics import grouped
 
 #: Where both kinds are in one summary, the presets of runs that constants were chosen on begin so.
 TUNED = "tuned:"

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from feasigrasp.outputs import save_figure
-from feasigrasp.runs.results.rows import Row
 from feasigrasp_lab.protocols.speed import CAMERA_MOTIONS, MOTIONS
+from feasigrasp_lab.results.rows import Row
 
 FIGURE = "speed_curve.png"
 #: What the curves are drawn over, by the curves.

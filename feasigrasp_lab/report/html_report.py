@@ -25,12 +25,12 @@ from feasigrasp.errors import FeasigraspError, InputError
 from feasigrasp.inputs import read_json
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.outputs import write_text
-from feasigrasp.runs.results.rows import Row
-from feasigrasp.runs.results.statistics import grouped
 from feasigrasp.scenario.files import parse_scenario
 from feasigrasp_lab.protocols.tuned import TUNED
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.results.markdown import markdown_html
+from feasigrasp_lab.results.rows import Row
+from feasigrasp_lab.results.statistics import grouped
 from feasigrasp_lab.runs.isolated import run_isolated
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 from feasigrasp_lab.training.data.views import ViewedObject, look_at

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from feasigrasp.runs.metrics.table import FIGURES
-from feasigrasp.runs.results.rows import Row
 from feasigrasp_lab.protocols.ablations import ablation_of
 from feasigrasp_lab.protocols.fault_table import FAULTS
 from feasigrasp_lab.report.curves import FIGURE, Rows, curve_points, draw_curves
 from feasigrasp_lab.report.paper_tables import TABLE_1, TABLE_1_ABLATION, TABLE_2, TABLE_2_COLUMNS
 from feasigrasp_lab.results.markdown import markdown_table
+from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.runs.summary import HANDLING
 
 _LIMITS = (

@@ -14,9 +14,8 @@ from tqdm import tqdm
 
 from feasigrasp.errors import InputError
 from feasigrasp.inputs import read_arrays, read_json
-from feasigrasp.outputs import replacing
+from feasigrasp.outputs import replacing, write_json
 from feasigrasp.runs.results.provenance import git_revision
-from feasigrasp.runs.results.rows import write_json
 from feasigrasp_lab.results.workers import in_processes, made_with
 
 Record = dict[str, Any]

@@ -15,12 +15,12 @@ import numpy as np
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.resources import diagram_path
-from feasigrasp.runs.results.arguments import select_objects
 from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.protocols.fault_table import FAULTS, StudiedFault
+from feasigrasp_lab.results.arguments import select_objects
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.runs.plan import PlannedRun
 from feasigrasp_lab.runs.studies import STUDIES

@@ -25,10 +25,9 @@ from pathlib import Path
 from tqdm import tqdm
 
 from feasigrasp.errors import OutputError
-from feasigrasp.outputs import check_folder
+from feasigrasp.outputs import check_folder, write_json
 from feasigrasp.runs.results.interrupts import STATUS, Unfinished
 from feasigrasp.runs.results.provenance import own_files
-from feasigrasp.runs.results.rows import write_json
 from feasigrasp.runs.run import crash_record, run
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario

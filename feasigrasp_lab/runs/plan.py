@@ -14,11 +14,12 @@ from pathlib import Path
 
 from feasigrasp.errors import FeasigraspError, MeshError, ScenarioError
 from feasigrasp.resources import diagram_path
-from feasigrasp.runs.results.arguments import names, positive, print_notes, select_objects
+from feasigrasp.runs.results.arguments import positive, print_notes
 from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.results.arguments import names, select_objects
 from feasigrasp_lab.results.workers import Shard
 from feasigrasp_lab.runs.studies import STUDIES, Study, study_of, suffix_of
 

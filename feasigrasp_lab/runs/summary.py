@@ -11,11 +11,11 @@ import numpy as np
 
 from feasigrasp.models.choices import SAFE
 from feasigrasp.runs.metrics.table import FIGURES, METRICS, Over
-from feasigrasp.runs.results.rows import Row
-from feasigrasp.runs.results.statistics import grouped, mean_of_objects
 from feasigrasp_lab.protocols.ablations import ablation_rows, controller_rows
 from feasigrasp_lab.protocols.speed import curve_point
 from feasigrasp_lab.protocols.tuned import rows_apart
+from feasigrasp_lab.results.rows import Row
+from feasigrasp_lab.results.statistics import grouped, mean_of_objects
 from feasigrasp_lab.runs.studies import suffix_of
 
 Record = dict[str, Any]

@@ -11,10 +11,10 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from feasigrasp.runs.results.arguments import add_common_arguments
 from feasigrasp.runs.results.provenance import git_revision
-from feasigrasp.runs.results.rows import report_rows, write_csv
+from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.finished import Record
+from feasigrasp_lab.results.rows import report_rows, write_csv
 from feasigrasp_lab.results.workers import add_worker_arguments
 from feasigrasp_lab.runs.plan import add_plan_arguments, plan
 from feasigrasp_lab.runs.run_plan import conditions_text, run_plan

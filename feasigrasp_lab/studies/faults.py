@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from feasigrasp.runs.results.arguments import add_common_arguments, names, positive
-from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
-from feasigrasp.runs.results.statistics import grouped
+from feasigrasp.runs.results.arguments import positive
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp_lab.protocols.fault_table import FAULTS
 from feasigrasp_lab.protocols.tuned import rows_apart
+from feasigrasp_lab.results.arguments import add_common_arguments, names
 from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp_lab.results.statistics import grouped
 from feasigrasp_lab.runs.fault_plan import (
     FaultRun,
     false_alarm,

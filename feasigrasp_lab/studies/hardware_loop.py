@@ -16,17 +16,12 @@ from typing import Any
 import numpy as np
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.runs.results.arguments import (
-    FormerOption,
-    add_common_arguments,
-    factor,
-    names,
-    positive,
-)
-from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp.runs.results.arguments import factor, positive
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp_lab.protocols.tuned import rows_apart
+from feasigrasp_lab.results.arguments import FormerOption, add_common_arguments, names
 from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp_lab.runs.hardware_network import Network
 from feasigrasp_lab.runs.hardware_pair import ProcessFault, run_pair
 from feasigrasp_lab.runs.isolated import run_all

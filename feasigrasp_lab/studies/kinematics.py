@@ -19,11 +19,11 @@ from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.ik.self_motion import arm_angle, closed_form
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.runs.results.arguments import add_common_arguments
-from feasigrasp.runs.results.rows import Row, report_rows, write_csv
 from feasigrasp_lab.arm.self_collision import in_collision, min_distance
 from feasigrasp_lab.peers.drake_arm import DrakeArm
+from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.finished import finish
+from feasigrasp_lab.results.rows import Row, report_rows, write_csv
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -13,12 +13,13 @@ from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.outputs import save_figure
-from feasigrasp.runs.results.arguments import add_common_arguments, positive
-from feasigrasp.runs.results.rows import Row, report_rows, write_csv
-from feasigrasp.runs.results.statistics import area_under_curve, proportion, roc_curve
+from feasigrasp.runs.results.arguments import positive
 from feasigrasp_lab.paper.float32_kernels import log_densities, pack
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
+from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.finished import finished_arrays, write_arrays
+from feasigrasp_lab.results.rows import Row, report_rows, write_csv
+from feasigrasp_lab.results.statistics import area_under_curve, proportion, roc_curve
 from feasigrasp_lab.training.reachability.fit_mixture import LargeFit, fit_large_mixture
 from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp_lab.training.reachability.reachable_poses import (

@@ -7,11 +7,12 @@ import itertools
 import time
 
 from feasigrasp.models.choices import mode_names
-from feasigrasp.runs.results.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
-from feasigrasp.runs.results.statistics import mean
+from feasigrasp.runs.results.arguments import positive
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
+from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
 from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp_lab.results.statistics import mean
 from feasigrasp_lab.runs.plan import PlannedRun, add_scenario_arguments, plan_run
 from feasigrasp_lab.runs.rollout import ROLLOUT_METRICS, roll_out
 from feasigrasp_lab.runs.studies import study_of

@@ -29,9 +29,7 @@ from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.runs.results.arguments import add_common_arguments, positive
-from feasigrasp.runs.results.rows import Row, report_rows, write_csv
-from feasigrasp.runs.results.statistics import average_precision, grouped, resampled
+from feasigrasp.runs.results.arguments import positive
 from feasigrasp_lab.baselines.diffusion_sampler import DiffusionSampler
 from feasigrasp_lab.measures.diffusion_score import score_error
 from feasigrasp_lab.measures.grasps import (
@@ -42,7 +40,10 @@ from feasigrasp_lab.measures.grasps import (
 )
 from feasigrasp_lab.measures.timing import cpu_ms
 from feasigrasp_lab.paper.grasp_network import NETWORKS, trained_network
+from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.results.rows import Row, report_rows, write_csv
+from feasigrasp_lab.results.statistics import average_precision, grouped, resampled
 from feasigrasp_lab.runs.floating_gripper import hold_trials
 from feasigrasp_lab.training.data.grasp_examples import fuse_and_complete, true_input
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps

@@ -17,14 +17,15 @@ from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.gripper import load_gripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.resources import diagram_path
-from feasigrasp.runs.results.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.runs.results.rows import Row, report_rows, write_csv
-from feasigrasp.runs.results.statistics import grouped
+from feasigrasp.runs.results.arguments import positive
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import make_foreground_segmentation, make_station
 from feasigrasp.systems.ports import to_value
+from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
 from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.results.rows import Row, report_rows, write_csv
+from feasigrasp_lab.results.statistics import grouped
 
 
 def intersection_over_union(mask: Mask, truth: Mask) -> float:

@@ -24,12 +24,13 @@ from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.models.shape.completion import DEFAULT, complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation
 from feasigrasp.outputs import save_figure
-from feasigrasp.runs.results.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.runs.results.rows import Row, report_rows, write_csv
-from feasigrasp.runs.results.statistics import grouped, mean
+from feasigrasp.runs.results.arguments import positive
 from feasigrasp_lab.measures.shape import measure, true_samples
 from feasigrasp_lab.measures.timing import cpu_ms
+from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
 from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.results.rows import Row, report_rows, write_csv
+from feasigrasp_lab.results.statistics import grouped, mean
 from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 PRESETS = ("paper", "default")

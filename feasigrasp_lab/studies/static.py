@@ -25,15 +25,16 @@ from feasigrasp.models.choices import ControlSpace, controller_names
 from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.runs.results.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
-from feasigrasp.runs.results.statistics import grouped, mean_of_objects
+from feasigrasp.runs.results.arguments import positive
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.measures.grasps import GRASPABLE, is_graspable
 from feasigrasp_lab.paper.judge import JudgeMethod
 from feasigrasp_lab.protocols.degradations import Change, both
 from feasigrasp_lab.protocols.tuned import rows_apart
+from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
 from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp_lab.results.statistics import grouped, mean_of_objects
 from feasigrasp_lab.results.workers import add_worker_arguments
 from feasigrasp_lab.runs.plan import (
     Plan,

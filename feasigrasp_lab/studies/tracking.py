@@ -25,10 +25,11 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.tracking.keyframe import KEY_PERIOD, KEY_VIEWS
 from feasigrasp.models.tracking.view import ObjectView
-from feasigrasp.runs.results.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.runs.results.rows import Row, report_rows, write_csv
-from feasigrasp.runs.results.statistics import grouped, mean
+from feasigrasp.runs.results.arguments import positive
+from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
 from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.results.rows import Row, report_rows, write_csv
+from feasigrasp_lab.results.statistics import grouped, mean
 from feasigrasp_lab.tracking.judge import IN_VIEW, Frame, TrueObject, judge, lost
 from feasigrasp_lab.tracking.recording import SENSORS, recorded
 from feasigrasp_lab.tracking.trackers import OurTracker, Tracker

@@ -30,8 +30,9 @@ from feasigrasp.models.grasps.hand_clearance import (
 )
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.shape.gpdf import INVENTED, MARGIN_GROWTH, Gpdf
-from feasigrasp.runs.results.arguments import add_run_arguments, positive
-from feasigrasp.runs.results.rows import write_json
+from feasigrasp.outputs import write_json
+from feasigrasp.runs.results.arguments import positive
+from feasigrasp_lab.results.arguments import add_run_arguments
 from feasigrasp_lab.results.workers import in_processes, made_with
 from feasigrasp_lab.training.data.grasp_examples import fuse_and_complete
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps

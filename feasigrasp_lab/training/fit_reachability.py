@@ -14,12 +14,14 @@ from tqdm import tqdm
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.inputs import read_json
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.mixtures.mixture import bic
-from feasigrasp.runs.results.arguments import add_run_arguments, command_line, positive
+from feasigrasp.outputs import write_json
+from feasigrasp.runs.results.arguments import positive
 from feasigrasp.runs.results.provenance import git_revision
-from feasigrasp.runs.results.rows import Row, write_csv, write_json, write_summary
+from feasigrasp_lab.mixtures.mixture import bic
 from feasigrasp_lab.paper.float32_kernels import log_densities, pack
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
+from feasigrasp_lab.results.arguments import add_run_arguments, command_line
+from feasigrasp_lab.results.rows import Row, write_csv, write_summary
 from feasigrasp_lab.training.reachability.fit_mixture import LargeFit, fit_large_mixture
 from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp_lab.training.reachability.reachable_poses import (

@@ -24,9 +24,9 @@ from tqdm import tqdm
 
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.arrays import Indices
-from feasigrasp.outputs import replacing
-from feasigrasp.runs.results.arguments import minutes, positive
-from feasigrasp.runs.results.rows import write_json
+from feasigrasp.outputs import replacing, write_json
+from feasigrasp.runs.results.arguments import positive
+from feasigrasp_lab.results.arguments import minutes
 from feasigrasp_lab.results.workers import made_with
 
 Network = TypeVar("Network", bound=nn.Module)

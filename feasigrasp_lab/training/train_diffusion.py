@@ -21,9 +21,10 @@ from feasigrasp.errors import MeshError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import FLIP, grasp_frames
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.runs.results.arguments import add_run_arguments, positive
+from feasigrasp.runs.results.arguments import positive
 from feasigrasp_lab.baselines.diffusion_energy import LENGTH, PoseEnergy, standard_deviation
 from feasigrasp_lab.baselines.grasp_diffusion import GraspDiffusion
+from feasigrasp_lab.results.arguments import add_run_arguments
 from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT, make_shape

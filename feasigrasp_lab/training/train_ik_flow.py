@@ -17,7 +17,6 @@ from torch import Tensor, nn
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.runs.results.arguments import add_run_arguments
 from feasigrasp_lab.arm.least_squares import refine
 from feasigrasp_lab.arm.self_collision import in_collision
 from feasigrasp_lab.paper.ik_flow import DAMPING, IkFlow
@@ -32,6 +31,7 @@ from feasigrasp_lab.paper.ik_flow_layers import (
     WIDEST,
     FlowShape,
 )
+from feasigrasp_lab.results.arguments import add_run_arguments
 from feasigrasp_lab.training.loop import TrainingRun, add_evaluation_arguments, add_loop_arguments
 
 #: Keeps the gradient of atan2 finite where both arguments vanish. Source: numerical.

@@ -17,9 +17,10 @@ import torch
 from torch import Tensor, nn
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.runs.results.arguments import add_run_arguments, positive
+from feasigrasp.runs.results.arguments import positive
 from feasigrasp_lab.networks.contact_network import Heads
 from feasigrasp_lab.paper.grasp_network import NETWORKS
+from feasigrasp_lab.results.arguments import add_run_arguments
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT
 from feasigrasp_lab.training.grasp_batches import Examples, load_examples
 from feasigrasp_lab.training.grasp_losses import FREE, Labels, free_share, loss

@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from feasigrasp.runs.results.arguments import add_run_arguments, positive
-from feasigrasp.runs.results.rows import write_json
+from feasigrasp.outputs import write_json
+from feasigrasp.runs.results.arguments import positive
+from feasigrasp_lab.results.arguments import add_run_arguments
 from feasigrasp_lab.results.finished import make_shards, write_arrays
 from feasigrasp_lab.results.workers import made_with
 from feasigrasp_lab.training.data.grasp_examples import object_examples, stacked

@@ -14,10 +14,10 @@ from pydrake.systems.analysis import Simulator
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.faults.object import ObjectMoved
+from feasigrasp.outputs import write_json
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.metrics.run_metrics import summarize
 from feasigrasp.runs.metrics.table import METRICS
-from feasigrasp.runs.results.rows import write_json
 from feasigrasp.runs.run import crash_record, run
 from feasigrasp.scenario.files import load_scenario, parse_scenario, scenario_names
 from feasigrasp.systems.gripper_sequencer import GripperSequencer

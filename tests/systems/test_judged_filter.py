@@ -9,12 +9,12 @@ from pydrake.multibody.math import SpatialVelocity
 
 from feasigrasp.errors import ReachabilityError, ScenarioError
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
+from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.judge import PoseJudge
 from feasigrasp_lab.paper.judged_filter import JudgedFilter
 from feasigrasp_lab.paper.reachable_space import ReachableSpace

@@ -7,14 +7,10 @@ import importlib.util
 import os
 import platform
 import subprocess
-import time
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from scipy.linalg import lapack
 
 from feasigrasp.errors import MeshError
 from feasigrasp.models.objects.rigid_object import builtin_objects, object_file
@@ -97,20 +93,6 @@ def git_revision() -> str | None:
         return None
     # An installed package may lie below somebody else's repository: that one says nothing.
     return described.stdout.strip() if (root / ".git").exists() else None
-
-
-def cholesky_ms() -> float:
-    """Time of LAPACK's Cholesky factorization (potrf) of a 1024 x 1024 matrix, best of 5 [ms].
-
-    Computing times of different machines are compared by their ratio to it.
-    """
-    matrix = np.eye(1024) + 1e-3
-    times = []
-    for _ in range(5):
-        start = time.perf_counter()
-        lapack.dpotrf(matrix, lower=1)
-        times.append(time.perf_counter() - start)
-    return round(1e3 * min(times), 2)
 
 
 def machine() -> dict[str, Any]:

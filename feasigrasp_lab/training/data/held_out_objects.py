@@ -7,8 +7,8 @@ from pathlib import Path
 from tqdm import tqdm
 
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object, write_mesh
-from feasigrasp.runs.results.arguments import names, select_objects
-from feasigrasp.runs.results.rows import write_json
+from feasigrasp.outputs import write_json
+from feasigrasp_lab.results.arguments import names, select_objects
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT, make_shape
 
 #: Part of ``--objects``: generated shapes of the families that are held out.

@@ -21,8 +21,8 @@ import numpy as np
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.mixtures.fit import seed_means
-from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp_lab.mixtures.fit import seed_means
+from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.float32_kernels import pack
 from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks, moments_of_blocks
 

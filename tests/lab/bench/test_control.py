@@ -9,7 +9,6 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.runs.results.rows import Row
 from feasigrasp_lab.bench import control as bench_control
 from feasigrasp_lab.bench.control import (
     V_WO,
@@ -21,6 +20,7 @@ from feasigrasp_lab.bench.control import (
 from feasigrasp_lab.measures.timing import Timing, timing_row
 from feasigrasp_lab.peers.control import ArrayArm, ArrayJointStep, ArrayTaskStep, se3_log
 from feasigrasp_lab.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
+from feasigrasp_lab.results.rows import Row
 
 REACHABILITY = Reachability()
 X_FG = REACHABILITY.gripper.X_FG

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.grasp_mixture import LENGTH_PER_RADIAN
 from tests.lab.paper.ascents import ascent_direction
 

@@ -5,9 +5,9 @@ from importlib import resources
 import pytest
 import yaml
 
-from feasigrasp.runs.results.rows import Row
-from feasigrasp.runs.results.statistics import grouped
 from feasigrasp_lab.protocols.tuned import TUNED, is_tuned, rows_apart
+from feasigrasp_lab.results.rows import Row
+from feasigrasp_lab.results.statistics import grouped
 
 
 @pytest.mark.parametrize(

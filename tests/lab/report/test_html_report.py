@@ -9,12 +9,12 @@ import pytest
 from matplotlib.image import imread
 
 from feasigrasp import cli
-from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.report.curves import FIGURE, curve_points
 from feasigrasp_lab.report.html_report import outcomes_of_rows, worst_failures
 from feasigrasp_lab.results.markdown import markdown_html, markdown_table
+from feasigrasp_lab.results.rows import Row
 
 
 def row(name, preset, value, low=None, high=None, n=12):

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from feasigrasp.runs.results.rows import write_json
+from feasigrasp.outputs import write_json
 from feasigrasp_lab.results.finished import finish, finish_all, read_finished
 
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from feasigrasp.runs.results.statistics import proportion
 from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.results.statistics import proportion
 from feasigrasp_lab.runs.summary import format_table, summary_rows
 
 

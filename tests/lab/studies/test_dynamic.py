@@ -8,8 +8,7 @@ import pytest
 from feasigrasp import cli
 from feasigrasp.resources import model_path
 from feasigrasp.runs import run as run_module
-from feasigrasp.runs.results import rows
-from feasigrasp_lab.results import finished, workers
+from feasigrasp_lab.results import finished, rows, workers
 from feasigrasp_lab.runs import isolated
 from feasigrasp_lab.studies import dynamic
 

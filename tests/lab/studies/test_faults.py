@@ -12,12 +12,12 @@ from feasigrasp.errors import ScenarioError
 from feasigrasp.models.control.status import StatusCode
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.metrics.cause import Cause
-from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.protocols.fault_table import FAULTS
 from feasigrasp_lab.report.tables import faults_report
+from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.runs import isolated
 from feasigrasp_lab.runs.fault_plan import (
     FaultRun,

@@ -8,8 +8,8 @@ import trimesh
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.runs.results.statistics import average_precision, resampled
 from feasigrasp_lab.measures.grasps import set_measures
+from feasigrasp_lab.results.statistics import average_precision, resampled
 from feasigrasp_lab.studies.sampler import make_samplers, summary_rows, write_records
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 from feasigrasp_lab.training.data.held_out_objects import FIRST_SEED, held_out_objects, make_object

@@ -10,8 +10,8 @@ import pytest
 from feasigrasp import cli
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.geometry import se3
-from feasigrasp.runs.results.statistics import area_under_curve, roc_curve
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
+from feasigrasp_lab.results.statistics import area_under_curve, roc_curve
 from feasigrasp_lab.studies import reachability
 from feasigrasp_lab.training.fit_reachability import parse_components
 

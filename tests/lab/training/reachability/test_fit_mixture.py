@@ -5,7 +5,7 @@ import pytest
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.float32_kernels import BLOCK, LOG2_TOLERANCE, log_densities, pack
 from feasigrasp_lab.training.reachability.fit_mixture import (
     LargeFit,

@@ -14,9 +14,9 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.mixtures.em import Samples, Stop, expectation_maximization
-from feasigrasp.models.mixtures.mixture import RiemannianMixture, bic
 from feasigrasp.models.quantities import POSES, ArrayOf, Count, Number, Positive
+from feasigrasp_lab.mixtures.em import Samples, Stop, expectation_maximization
+from feasigrasp_lab.mixtures.mixture import RiemannianMixture, bic
 
 #: The distance that weighs as much as one radian in seeding [m/rad]. Source: guessed.
 _LENGTH_SCALE = 0.1

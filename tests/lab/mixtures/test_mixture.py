@@ -7,8 +7,8 @@ import pytest
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.mixtures.fit import fit_riemannian_mixture
-from feasigrasp.models.mixtures.mixture import RiemannianMixture, evaluate_kernel, posterior_kernel
+from feasigrasp_lab.mixtures.fit import fit_riemannian_mixture
+from feasigrasp_lab.mixtures.mixture import RiemannianMixture, evaluate_kernel, posterior_kernel
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
-import json
+import time
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,11 +13,12 @@ from typing import Any, SupportsFloat
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import lapack
 
-from feasigrasp.outputs import write_text
-from feasigrasp.runs.results.arguments import command_line
-from feasigrasp.runs.results.provenance import cholesky_ms, git_revision, machine, versions
-from feasigrasp.runs.results.statistics import Estimate, proportion, share_of_objects
+from feasigrasp.outputs import write_json, write_text
+from feasigrasp.runs.results.provenance import git_revision, machine, versions
+from feasigrasp_lab.results.arguments import command_line
+from feasigrasp_lab.results.statistics import Estimate, proportion, share_of_objects
 
 
 @dataclass(frozen=True)
@@ -78,16 +79,6 @@ class Row:
         return cls.of(name, preset, share, "%", 100.0)
 
 
-def write_json(content: dict[str, Any], filename: Path) -> None:
-    """Writes JSON, whole or not at all: a killed process leaves no half a file.
-
-    Raises:
-        ValueError: There is a NaN or an infinity in it, which JSON does not know.
-        OutputError: The file cannot be written.
-    """
-    write_text(filename, json.dumps(content, indent=2, allow_nan=False) + "\n")
-
-
 def write_csv(
     filename: Path,
     rows: Iterable[Mapping[str, Any] | Sequence[Any]],
@@ -113,6 +104,20 @@ def write_csv(
             cells = [format(c, floats) if isinstance(c, float) else c for c in cells]
         writer.writerow(cells)
     write_text(filename, text.getvalue())
+
+
+def cholesky_ms() -> float:
+    """Time of LAPACK's Cholesky factorization (potrf) of a 1024 x 1024 matrix, best of 5 [ms].
+
+    Computing times of different machines are compared by their ratio to it.
+    """
+    matrix = np.eye(1024) + 1e-3
+    times = []
+    for _ in range(5):
+        start = time.perf_counter()
+        lapack.dpotrf(matrix, lower=1)
+        times.append(time.perf_counter() - start)
+    return round(1e3 * min(times), 2)
 
 
 def write_summary(

@@ -5,7 +5,7 @@ import pytest
 from feasigrasp.errors import MeshError
 from feasigrasp.models.objects.rigid_object import builtin_objects
 from feasigrasp.resources import model_path
-from feasigrasp.runs.results.arguments import names, select_objects
+from feasigrasp_lab.results.arguments import names, select_objects
 
 
 def test_objects_come_from_names_files_and_folders(tmp_path):

@@ -7,10 +7,10 @@ import pytest
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.mixtures import em as riemannian_em
-from feasigrasp.models.mixtures import fit as riemannian_fit
-from feasigrasp.models.mixtures.fit import fit_best_mixture, fit_riemannian_mixture
-from feasigrasp.models.mixtures.mixture import bic
+from feasigrasp_lab.mixtures import em as riemannian_em
+from feasigrasp_lab.mixtures import fit as riemannian_fit
+from feasigrasp_lab.mixtures.fit import fit_best_mixture, fit_riemannian_mixture
+from feasigrasp_lab.mixtures.mixture import bic
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 """Riemannian mixture model: Gaussians in tangent spaces of SE(3) (Zeestraten et al. 2017).
 
-They are fitted by :mod:`feasigrasp.models.mixtures.fit`.
+They are fitted by :mod:`feasigrasp_lab.mixtures.fit`.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class RiemannianMixture(Frozen):
 
     Methods take poses ``X`` of shape (..., 4, 4) and keep the leading axes: one pose (4, 4) at
     the control rate (a few microseconds), (n, 4, 4) for a set. Numba code calls the kernels of
-    :mod:`feasigrasp.models.mixtures.mixture` with ``parameters``.
+    :mod:`feasigrasp_lab.mixtures.mixture` with ``parameters``.
 
     Attributes:
         weights: Component weights, non-negative, normalised to sum 1, shape (K,). A weight of

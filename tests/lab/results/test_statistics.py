@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from feasigrasp.runs.results.statistics import (
+from feasigrasp_lab.results.statistics import (
     area_under_curve,
     average_precision,
     mean,

@@ -1,0 +1,1 @@
+"""Riemannian mixtures of rigid motions."""
