@@ -1,4 +1,4 @@
-"""Network impairment between two message buses: delay, loss, duplication, reordering."""
+"""Network impairment between two message buses: delay, loss, strangers, clocks that are set."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from enum import StrEnum
 from functools import partial
 
 import numpy as np
-from drake import lcmt_image, lcmt_image_array
+from drake import lcmt_iiwa_command, lcmt_iiwa_status, lcmt_image, lcmt_image_array
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
@@ -28,12 +28,12 @@ _BEGIN = signal.SIGUSR1
 #: How long it rests when nothing is there to be carried [s]. Source: guessed.
 _PAUSE = 5e-4
 _IMAGES = channels.image_channel("")
-#: Of the commands, those for the arm come from a guard on the computer of its driver.
 _TO_CELL = (channels.IIWA_REQUEST, channels.WSG_COMMAND)
-_FROM_CELL = (
-    *(channels.IIWA_STATUS, channels.IIWA_COMMAND, channels.WSG_STATUS),
-    *(channels.OBJECT_POSE, f"{_IMAGES}.*"),
-)
+_FROM_CELL = (channels.IIWA_STATUS, channels.WSG_STATUS, channels.OBJECT_POSE, f"{_IMAGES}.*")
+#: What a clock is set by [s]. Source: definition.
+_SET_BY = (-3600.0, -1.0, -0.01, 0.01, 1.0, 3600.0)
+#: For so long statuses are lost, once in `_OFTEN` [s]. Source: definition.
+_LOST, _OFTEN = 0.15, 1.0
 
 
 class Network(StrEnum):
@@ -45,6 +45,15 @@ class Network(StrEnum):
     NO_IMAGES = "no_images"
     DEPTH_NAN = "depth_nan"
     MALFORMED = "malformed"
+    CLOCK_SET = "clock_set"
+    STATUS_LOST = "status_lost"
+    RIVAL = "rival"
+    FORGED = "forged"
+
+    @property
+    def at_driver(self) -> bool:
+        """Whether the guard is behind the network, too: not on the computer of the driver."""
+        return self in (Network.CLOCK_SET, Network.STATUS_LOST, Network.RIVAL, Network.FORGED)
 
 
 class Relay:
@@ -60,10 +69,14 @@ class Relay:
         self._ends = DrakeLcm(one), DrakeLcm(other)
         self._queue: list[tuple[float, int, int, str, bytes]] = []
         self._numbers = itertools.count()
-        # By direction: an end receives what is published on it, too.
+        self._set_by = round(1e6 * float(self._rng.choice(_SET_BY)))
+        # By direction: an end receives what is published on it, too. The arm's commands come from
+        # where the guard is.
+        command = [channels.IIWA_COMMAND]
+        there, back = (command, []) if fault.at_driver else ([], command)
         self._subscriptions = [
-            *_each(self._ends[0], _FROM_CELL, partial(self._take, 1)),
-            *_each(self._ends[1], _TO_CELL, partial(self._take, 0)),
+            *_each(self._ends[0], [*_FROM_CELL, *back], partial(self._take, 1)),
+            *_each(self._ends[1], [*_TO_CELL, *there], partial(self._take, 0)),
         ]
 
     def _take(self, to: int, channel: str, data: bytes) -> None:
@@ -74,6 +87,8 @@ class Relay:
                 return
             if channel.startswith(_IMAGES) and self._fault is Network.DEPTH_NAN:
                 data = _nan_depth(data)
+            if channel == channels.IIWA_STATUS and self._fault.at_driver:
+                data = self._of_driver(data)
             # What share of the messages is doubled, or overtaken by others.
             faulted = self._rng.random() < 0.2
             if faulted and self._fault is Network.MALFORMED and to == 1:  # cut off on the way
@@ -82,8 +97,28 @@ class Relay:
                 copies = [now + LATE * self._rng.random()]
             if faulted and self._fault is Network.DOUBLED:
                 copies = [now, now + LATE * self._rng.random()]
-        for due in copies:
+        for due in copies if data else ():
             heapq.heappush(self._queue, (due, next(self._numbers), to, channel, data))
+
+    def _of_driver(self, data: bytes) -> bytes:
+        """The arm's status, or nothing, beside what a stranger commands or requests."""
+        status = lcmt_iiwa_status.decode(data)
+        if self._fault is Network.STATUS_LOST and 1e-6 * status.utime % _OFTEN < _LOST:
+            return b""
+        if self._fault is Network.CLOCK_SET:
+            status.utime = max(status.utime + self._set_by, 0)
+            encoded: bytes = status.encode()
+            return encoded
+        if self._fault in (Network.RIVAL, Network.FORGED):
+            command = lcmt_iiwa_command()
+            command.utime, command.num_joints = status.utime + 1, status.num_joints
+            # The rival's is where the arm is held: what moves it is not the rival.
+            q = np.array(status.joint_position_commanded)
+            forged = self._fault is Network.FORGED
+            command.joint_position = list(q + forged * self._rng.uniform(-0.1, 0.1, len(q)))
+            channel = channels.IIWA_REQUEST if forged else channels.IIWA_COMMAND
+            self._ends[1].Publish(channel, command.encode())
+        return data
 
     def step(self) -> None:
         """Carries what has come and is due."""

@@ -28,12 +28,19 @@ from feasigrasp_lab.runs.hardware_network import Network, RelayProcess
 
 
 class ProcessFault(StrEnum):
-    """Process fault: a signal to the controller or to one of its workers."""
+    """Process fault: a signal to the controller, to one of its workers, or to the guard."""
 
     KILL = "kill"
     STOP = "stop"
     KILL_WORKER = "kill_worker"
     STOP_WORKER = "stop_worker"
+    END_GUARD = "end_guard"
+    STOP_GUARD = "stop_guard"
+
+    @property
+    def at_guard(self) -> bool:
+        """Whether it is the guard's."""
+        return self in (ProcessFault.END_GUARD, ProcessFault.STOP_GUARD)
 
     @property
     def at_worker(self) -> bool:
@@ -43,11 +50,15 @@ class ProcessFault(StrEnum):
     @property
     def signal(self) -> signal.Signals:
         """What is sent."""
-        return (
-            signal.SIGKILL
-            if self in (ProcessFault.KILL, ProcessFault.KILL_WORKER)
-            else signal.SIGSTOP
-        )
+        if self is ProcessFault.END_GUARD:
+            return signal.SIGHUP
+        killed = self in (ProcessFault.KILL, ProcessFault.KILL_WORKER)
+        return signal.SIGKILL if killed else signal.SIGSTOP
+
+
+_AT_GUARD = [fault for fault in ProcessFault if fault.at_guard]
+#: For so long a guard is stopped [s]. Source: definition.
+_STOPPED = 0.15
 
 
 def run_pair(
@@ -56,7 +67,8 @@ def run_pair(
     """Runs ``feasigrasp sim`` and ``feasigrasp run --hardware``; returns what the former recorded.
 
     What the latter says of itself, ``on_hardware``, comes along if it exists. With a bad
-    network between the two, ``feasigrasp guard`` is on the side of the cell.
+    network between the two, ``feasigrasp guard`` is on the side of the cell, or as the network has
+    it (`Network.at_driver`).
 
     Args:
         name: A name that no other pair has at the same time; its seed is made of it.
@@ -69,7 +81,7 @@ def run_pair(
         HardwareError: The simulated cell came to no end; the message has its last words.
     """
     number = zlib.crc32(name.encode())
-    apart = fault in list(Network)
+    apart, at_guard = fault in list(Network), fault in list(_AT_GUARD)
     cell, control = _url(name, 0), _url(name, int(apart))
     with tempfile.TemporaryDirectory(prefix="feasigrasp-") as folder:
         file, results = Path(folder, "pair.yaml"), Path(folder, "sim.json")
@@ -80,19 +92,22 @@ def run_pair(
         driven = ["--hardware", "--lcm-url", control, "--results", str(own)]
         with Path(folder, "words").open("w+") as words:
             with ExitStack() as running:
-                relay = None
+                relay = guard = None
                 if apart:
                     relay = RelayProcess(cell, control, Network(fault), number)
                     running.callback(relay.close)
-                    running.callback(
-                        _end, _start("guard", "--speed", "1", "--lcm-url", cell, output=None)
-                    )
+                if apart or at_guard:
+                    bus = control if apart and Network(fault).at_driver else cell
+                    guard = _start("guard", *both, "--speed", "1", "--lcm-url", bus, output=None)
+                    running.callback(_end, guard)
                     driven += ["--no-guard"]
                 controller = _start("run", *both, *driven, output=None)
                 running.callback(_end, controller)
                 sim = _start("sim", *both, *rated, "--lcm-url", cell, output=words)
                 running.callback(_end, sim)
-                _watch(sim, controller, cell, relay, fault, at, number)
+                _watch(
+                    sim, guard if guard and at_guard else controller, cell, relay, fault, at, number
+                )
                 if fault not in list(ProcessFault) or ProcessFault(fault).at_worker:
                     _wait_for(controller)
             if not results.exists():
@@ -121,14 +136,14 @@ def _start(*words: str, output: Any) -> subprocess.Popen[bytes]:
 
 def _watch(
     sim: subprocess.Popen[bytes],
-    controller: subprocess.Popen[bytes],
+    struck: subprocess.Popen[bytes],
     url: str,
     relay: RelayProcess | None,
     fault: str,
     at: float,
     number: int,
 ) -> None:
-    """Waits for the end of the simulation; does to the controller what is to be done, in time.
+    """Waits for the end of the simulation; does to controller or guard what is to be done, in time.
 
     The number says which of its worker processes receives the signal.
     """
@@ -146,18 +161,21 @@ def _watch(
             if relay is not None:
                 relay.begin()
             else:
-                _strike(controller, ProcessFault(fault), number)
-        if controller.poll() not in (None, 0) and times.first == math.inf:
+                _strike(struck, ProcessFault(fault), number)
+        if struck.poll() not in (None, 0) and times.first == math.inf:
             return  # it has never begun: the simulation would wait for ever
     del subscriptions
 
 
-def _strike(controller: subprocess.Popen[bytes], process_fault: ProcessFault, number: int) -> None:
-    if controller.poll() is not None:
+def _strike(struck: subprocess.Popen[bytes], process_fault: ProcessFault, number: int) -> None:
+    if struck.poll() is not None:
         return
     with suppress(ProcessLookupError, psutil.NoSuchProcess):
-        pids = workers_of(controller.pid) if process_fault.at_worker else [controller.pid]
+        pids = workers_of(struck.pid) if process_fault.at_worker else [struck.pid]
         os.kill(pids[number % len(pids)], process_fault.signal)
+        if process_fault is ProcessFault.STOP_GUARD:
+            time.sleep(_STOPPED)
+            struck.send_signal(signal.SIGCONT)
 
 
 def workers_of(pid: int) -> list[int]:

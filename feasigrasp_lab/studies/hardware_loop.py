@@ -1,9 +1,10 @@
 """``feasigrasp evaluate hardware-loop``: grasp over the drivers' messages, with process faults.
 
 A simulated cell and a controller as two processes: the runs of ``evaluate dynamic --study mocap``
-(with ``--camera``: ``reach``), and the same with a controller, or a process that perceives or plans
-for it, that is killed or stopped at random instants, or with a bad network; beside them the same
-runs in one process. Judged in the simulator's process.
+(with ``--camera``: ``reach``), and the same with a controller, a process that perceives or plans
+for it, or a guard, that is killed or stopped at random instants, with a bad network, strangers on
+it, or a driver's clock that is set; beside them the same runs in one process. Judged in the
+simulator's process.
 """
 
 from __future__ import annotations
@@ -41,7 +42,9 @@ LIMITS = (
     "torque_limit_violation_percent",
     "self_collision_percent",
 )
-_AT_CONTROLLER = [process_fault for process_fault in ProcessFault if not process_fault.at_worker]
+_AT_CONTROLLER = [fault for fault in ProcessFault if not (fault.at_worker or fault.at_guard)]
+#: Faults that end the run: the arm comes to rest.
+_ENDING = [*_AT_CONTROLLER, ProcessFault.END_GUARD, Network.RIVAL, Network.FORGED]
 #: Record keys of the messages received from the controller.
 _RECEIVED = (
     *("request_gap_ms_max", "request_gap_ms_p99", "rest_s", "commands_missing"),
@@ -143,7 +146,7 @@ def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
         record |= {"crashed": True, "error": str(error), "held": False, "broken": True} | empty
         return [record]
     metrics, received = report["metrics"], report["hardware"]
-    restless = item["fault"] in _AT_CONTROLLER and received["rest_s"] is None
+    restless = item["fault"] in _ENDING and received["rest_s"] is None
     stopped = received["driver_stopped_by_joint"] > 0
     touched = (metrics.get("obstacle_distance_min_mm") or 0.0) < 0.0
     broken = restless or stopped or touched
@@ -170,7 +173,7 @@ def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:
     # The times of a controller on a good network are those of the runs without a fault.
     groups = {"processes": plain, "blows": process_faults}
     others = [
-        *(process_fault for process_fault in ProcessFault if process_fault.at_worker),
+        *(fault for fault in ProcessFault if fault not in _AT_CONTROLLER),
         *Network,
     ]
     groups |= {str(n): [e for e in outcomes if e["fault"] == n] for n in others}

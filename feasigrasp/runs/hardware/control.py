@@ -23,6 +23,7 @@ from feasigrasp.runs.run import INTERRUPTED, Result, crash_record, status_histor
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels, guard
 from feasigrasp.systems.hardware.control_loop import ControlLoop
+from feasigrasp.systems.hardware.guarded_cell import GuardedCell, make_guarded_cell
 from feasigrasp.systems.hardware.priority import CONTROL, real_time
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 from feasigrasp.systems.monitoring.run_log import add_run_log, read_run_log
@@ -81,7 +82,7 @@ def run_hardware(
         loop, commands = ControlLoop(scenario, lcm, connect), _Commands(lcm)
         # What is alive here stays: not worth traversing again, least of all between two ticks.
         gc.freeze()
-        watch = _OwnGuard(lcm_url, scenario.control.speed) if own_guard else None
+        watch = _OwnGuard(lcm_url, scenario) if own_guard else None
         started = time.perf_counter()
         try:
             say("waiting for the arm's driver")
@@ -127,10 +128,11 @@ def run_hardware(
 class _OwnGuard:
     """A guard in a process of its own, which ends when the arm rests after this one has."""
 
-    def __init__(self, lcm_url: str, speed: float) -> None:
+    def __init__(self, lcm_url: str, scenario: Scenario) -> None:
         context = multiprocessing.get_context("spawn")
         self._begun = context.Event()
-        self._process = context.Process(target=_serve, args=(lcm_url, speed, self._begun))
+        given = lcm_url, make_guarded_cell(scenario), self._begun
+        self._process = context.Process(target=_serve, args=given)
         self._process.start()
 
     def wait_until_it_serves(self) -> None:
@@ -155,10 +157,10 @@ class _OwnGuard:
         self._process.join()
 
 
-def _serve(lcm_url: str, speed: float, begun: Event) -> None:
+def _serve(lcm_url: str, cell: GuardedCell, begun: Event) -> None:
     """What its process runs; what is wrong it says without a traceback."""
     try:
-        guard.main(lcm_url, begun.set, speed=speed)
+        guard.main(lcm_url, begun.set, cell)
     except HardwareError as error:
         raise SystemExit(str(error)) from error
 

@@ -18,6 +18,7 @@ from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.decode import decode
+from feasigrasp.systems.hardware.guarded_cell import GuardedCell
 from feasigrasp.systems.hardware.priority import DRIVER, real_time
 
 #: For so long a guard listens whether there is another one [s]. Source: guessed.
@@ -46,17 +47,20 @@ class Guard:
     """
 
     def __init__(
-        self, lcm: DrakeLcm, speed: float = 1.0, clock: Callable[[], float] | None = None
+        self,
+        lcm: DrakeLcm,
+        guard: CommandGuard | None = None,
+        clock: Callable[[], float] | None = None,
     ) -> None:
         """A guard on the bus that driver and controller are on.
 
         Args:
             lcm: The bus.
-            speed: Share of the arm's velocity limits that may be used, in (0, 1].
+            guard: Follows requests; the default one keeps limits alone, no clearances.
             clock: Monotonic clock [s]; the arm goes no farther than the time that it shows.
         """
         self._lcm, self._clock = lcm, clock or time.monotonic
-        self._guard = CommandGuard(channels.IIWA_PERIOD, speed)
+        self._guard = guard or CommandGuard(channels.IIWA_PERIOD)
         self.dropped: Counter[str] = Counter()
         self._dismissed, self._rival = False, False
         #: The last commands, and how often each was received; how many came twice in a row.
@@ -165,13 +169,13 @@ def refuse_if_commanded(lcm: DrakeLcm) -> None:
         raise HardwareError(_RIVAL)
 
 
-def main(url: str, begun: Callable[[], None], *, speed: float = 1.0, alone: bool = False) -> None:
+def main(url: str, begun: Callable[[], None], cell: GuardedCell, *, alone: bool = False) -> None:
     """Process of a guard; any signal that ends processes ends it as soon as its arm rests.
 
     Args:
         url: Where driver and controller are.
         begun: Called when it serves.
-        speed: Share of the arm's velocity limits that may be used, in (0, 1].
+        cell: The arm's speed, and what it is kept clear of.
         alone: Whether no controller has started it: then it serves one after the other, and Ctrl-C
             is meant for it. Else it leaves the terminal, whose signals are the controller's.
 
@@ -181,10 +185,10 @@ def main(url: str, begun: Callable[[], None], *, speed: float = 1.0, alone: bool
     if not alone:
         os.setsid()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _warm_up()
+    _warm_up(cell.make_guard())
     lcm = channels.open_lcm(url)
     refuse_if_commanded(lcm)
-    guard = Guard(lcm, speed)
+    guard = Guard(lcm, cell.make_guard())
     for number in signal.valid_signals() - {getattr(signal, f"SIG{n}", 0) for n in _USUAL}:
         signal.signal(number, guard.end)
     for name in ("SIGTTIN", "SIGTTOU") if alone else ("SIGTTIN", "SIGTTOU", "SIGINT"):
@@ -194,8 +198,7 @@ def main(url: str, begun: Callable[[], None], *, speed: float = 1.0, alone: bool
         guard.serve()
 
 
-def _warm_up() -> None:
+def _warm_up(guard: CommandGuard) -> None:
     """Lets all be compiled that a guard calls."""
-    guard = CommandGuard(channels.IIWA_PERIOD)
     for time_ in np.arange(0.0, 2.0 * CommandGuard.START_AFTER, channels.IIWA_PERIOD):
         guard.command(time_, np.zeros(IIWA_7.joints))

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import psutil
 import pytest
-from drake import lcmt_iiwa_command, lcmt_image, lcmt_image_array
+from drake import lcmt_iiwa_command, lcmt_iiwa_status, lcmt_image, lcmt_image_array
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
@@ -46,12 +46,12 @@ ITEM = {"scenario": "A", "object": "mug", "seed": 0, "at": 1.0, "text": ""}
 
 
 def test_every_run_is_planned_once_and_faults_in_turn():
-    pairs = planned_pairs(RUNS, 5, 2, seed=0)
+    pairs = planned_pairs(RUNS, 7, 2, seed=0)
     faults = [item["fault"] for item in pairs.values()]
     assert faults[:5] == ["", "", "", "kill", "stop"]
-    assert faults[5:8] == ["kill_worker", "stop_worker", "kill"]
-    assert faults[8:] == [str(n) for n in Network for _ in range(2)]
-    assert planned_pairs(RUNS, 5, 2, seed=0) == pairs != planned_pairs(RUNS, 5, 2, seed=1)
+    assert faults[5:10] == ["kill_worker", "stop_worker", "end_guard", "stop_guard", "kill"]
+    assert faults[10:] == [str(n) for n in Network for _ in range(2)]
+    assert planned_pairs(RUNS, 7, 2, seed=0) == pairs != planned_pairs(RUNS, 7, 2, seed=1)
 
 
 @pytest.mark.parametrize("option", ["--process-faults", "--blows"])
@@ -95,6 +95,8 @@ def test_rows_count_what_was_broken_and_how_long_it_takes_to_rest():
         ("kill", {"hardware": {"driver_stopped_by_joint": 6}}, True),
         ("kill", {"metrics": {"obstacle_distance_min_mm": -0.1}}, True),
         ("stop", {"hardware": {"rest_s": None}}, True),
+        ("rival", {"hardware": {"rest_s": None}}, True),
+        ("end_guard", {"hardware": {"rest_s": None}}, True),
         ("stop_worker", {"hardware": {"rest_s": None}}, False),
     ],
 )
@@ -179,6 +181,35 @@ def test_networks_are_as_bad_as_they_say(bus):
     whole = [bytes(20)] * 100
     cut = [data for data in carried(bus, Network.MALFORMED, whole) if data != whole[0]]
     assert 5 < len(cut) < 40 and all(len(data) < 20 for data in cut)
+
+
+def status(utime, q=(0.0,) * 7):
+    message = lcmt_iiwa_status()
+    message.utime, message.num_joints = utime, 7
+    for name in message.__slots__[2:]:
+        setattr(message, name, [0.0] * 7)
+    message.joint_position_commanded = list(q)
+    return message.encode()
+
+
+def test_clocks_that_are_set_statuses_that_are_lost_and_strangers(bus):
+    sent, q = [status(10_000_000 + 5000 * k) for k in range(200)], np.full(7, 0.3)
+    stamps = [
+        lcmt_iiwa_status.decode(d).utime
+        for d in carried(bus, Network.CLOCK_SET, sent, channel=STATUS)
+    ]
+    assert len(stamps) == 200 and stamps[0] != 10_000_000
+    assert len(carried(bus, Network.STATUS_LOST, sent, channel=STATUS)) == 170
+    for fault, channel, off in (
+        (Network.RIVAL, channels.IIWA_COMMAND, 0.0),
+        (Network.FORGED, channels.IIWA_REQUEST, 0.1),
+    ):
+        strange, other = [], bus("other")
+        listening = other.Subscribe(channel, strange.append)
+        assert len(carried(bus, fault, [status(1000, q)], channel=STATUS)) == 1
+        del listening
+        (asked,) = (lcmt_iiwa_command.decode(data).joint_position for data in strange)
+        assert np.abs(np.array(asked) - q).max() <= off
 
 
 def test_a_depth_that_is_not_a_number(bus):

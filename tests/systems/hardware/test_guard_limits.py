@@ -13,8 +13,11 @@ from drake import lcmt_iiwa_command, lcmt_iiwa_status
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.robot.gripper import WSG_50
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels, guard
+from feasigrasp.systems.hardware.guarded_cell import GuardedCell
 
 V, A = np.array(IIWA_7.velocity_limits), np.array(IIWA_7.acceleration_limits)
 START = np.array([0.0, 0.5, 0.0, -1.5, 0.0, 1.0, 0.0])
@@ -362,11 +365,12 @@ def test_malformed_messages(period, kind, seed, channel):
 def test_every_signal_that_ends_a_process_ends_it_at_rest(monkeypatch, alone):
     """The arm rests first; one that a controller started is out of reach of its terminal."""
     handlers, left = {}, []
-    monkeypatch.setattr(guard, "_warm_up", lambda: None)
+    monkeypatch.setattr(guard, "_warm_up", lambda guard: None)
     monkeypatch.setattr(guard.Guard, "serve", lambda self: None)
     monkeypatch.setattr(guard.signal, "signal", handlers.__setitem__)
     monkeypatch.setattr(guard.os, "setsid", lambda: left.append(True))
-    guard.main("memq://", lambda: None, alone=alone)
+    cell = GuardedCell(SafetyOptions(), WSG_50, None)
+    guard.main("memq://", lambda: None, cell, alone=alone)
     assert left == [True] * (not alone)
     for name in ("HUP", "QUIT", "TERM", "TSTP", "USR1", "USR2", "ALRM", "ABRT", "VTALRM", "PROF"):
         assert handlers[getattr(signal, f"SIG{name}")].__name__ == "end", name

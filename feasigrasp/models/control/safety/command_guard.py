@@ -4,12 +4,13 @@ A driver in position mode keeps the last command for ever. If the controller die
 moves, that command stops it dead, harder than any limit allows. The guard follows what the
 controller asks for within all limits (`drive_step_kernel`), and when nothing has been asked for
 ``DEADLINE`` seconds it brakes as hard as the acceleration limits allow: what the driver is left
-with is then a position at rest.
+with is then a position at rest. It also keeps the clearances of a `SafetyFilter` of its own.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +18,9 @@ from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.driver_clock import JITTER, SHORTEST, DriverClock, Tick
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter
 from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel
+from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.quantities import Positive, PositiveShare
 from feasigrasp.models.robot.iiwa import IIWA_7
 
@@ -59,17 +62,27 @@ class CommandGuard:
     COUNTED = 7
 
     @checked(ControlError)
-    def __init__(self, period: Positive, speed: PositiveShare = 1.0) -> None:
+    def __init__(
+        self,
+        period: Positive,
+        speed: PositiveShare = 1.0,
+        safety: SafetyFilter | None = None,
+        obstacles: ObstacleGrid | None = None,
+    ) -> None:
         """A guard that commands in every cycle of a driver.
 
         Args:
             period: Of the driver, until it is measured [s].
             speed: Share of the velocity limits that may be used, in (0, 1].
+            safety: Keeps the arm clear of itself, the table and ``obstacles``; without, none of
+                them is kept clear of.
+            obstacles: Distances to them, in the frame of the arm's base.
 
         Raises:
             ControlError: Another period or speed.
         """
         self._clock, self._speed = DriverClock(period, self.SILENCE), speed
+        self._safety, self._obstacles = safety, obstacles
         self._q, self._v = np.full(IIWA_7.joints, np.nan), np.zeros(IIWA_7.joints)
         # By the driver's cycles; stamps of requests are of the clock of whoever sends them.
         self._time, self._since, self._received_at = 0.0, 0.0, -np.inf
@@ -149,6 +162,9 @@ class CommandGuard:
             self._rest(measured, held)
         if self._starting and self._time - self._since >= self.START_AFTER - 1e-9:
             self._starting, self.refused = False, self._clock.measure()
+            if self._safety is not None and not self.refused:
+                options = replace(self._safety.options, period=self._clock.period)
+                self._safety = replace(self._safety, options=options)
         if tick is Tick.NONE or self._starting or self.refused:
             return None
         self._step(measured)
@@ -179,6 +195,8 @@ class CommandGuard:
             wish = np.clip(
                 self._rate + self.GAIN * left, np.minimum(down, rate), np.maximum(up, rate)
             )
+        if self._safety is not None:
+            wish = self._safety.velocity(self._q, wish, qd_last=self._v, obstacles=self._obstacles)
         q, v = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
         bounds = period, self.MAX_LEAD, self._speed
         drive_step_kernel(self._q, self._v, wish, measured, bounds, q, v)

@@ -1,0 +1,58 @@
+"""What a guard keeps the arm clear of: itself, its hand, and the cell."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from feasigrasp.models.control.safety.command_guard import CommandGuard
+from feasigrasp.models.control.safety.driver_clock import SHORTEST
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
+from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
+from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.stages.static_obstacles import make_static_grid
+
+
+class GuardedCell(NamedTuple):
+    """Clearances of a guard, in a form that goes to another process.
+
+    Attributes:
+        options: Clearances, and the arm's speed.
+        gripper: The hand.
+        obstacles: Distances to the bodies of the cell, in the frame of the arm's base.
+    """
+
+    options: SafetyOptions
+    gripper: ParallelGripper
+    obstacles: ObstacleGrid | None
+
+    def make_guard(self) -> CommandGuard:
+        """A guard of the arm."""
+        safety = SafetyFilter(self.options, self.gripper)
+        return CommandGuard(channels.IIWA_PERIOD, self.options.speed, safety, self.obstacles)
+
+
+def make_guarded_cell(scenario: Scenario) -> GuardedCell:
+    """The cell of a scenario, at half the clearances that its controller keeps.
+
+    Bodies are approached as fast as the arm can still brake. So the guard changes hardly anything
+    that a controller in mode ``safe`` asks for.
+    """
+    cell, default, speed = scenario.cell, SafetyOptions, scenario.control.speed
+    braking = IIWA_7.acceleration_share * np.array(IIWA_7.acceleration_limits)
+    fastest = speed * CommandGuard.SPEED * np.array(IIWA_7.velocity_limits)
+    options = SafetyOptions(
+        speed=speed,
+        velocity_scale=CommandGuard.SPEED,
+        approach_gain=0.999 * float(np.min(braking / fastest)),  # exclusive of rounding
+        clearance=0.5 * default.clearance,
+        obstacle_clearance=0.5 * default.obstacle_clearance,
+        table_clearance=0.5 * cell.table_clearance,
+        table_height=cell.table_height,
+        speed_gain=1.0 / SHORTEST,  # no bound: the guard has its own
+    )
+    return GuardedCell(options, load_gripper(scenario.gripper), make_static_grid(scenario))
