@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -29,9 +30,13 @@ from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.parts import Part, make_named
 from feasigrasp.scenario.schema import BezierPath, Scenario
 
-#: Streams of numbers that are drawn from the seed: where the object is, how the hand errs, how
-#: slippery the object is. Source: layout.
-_PLACE, _HAND, _FRICTION = 1, 3, 4
+
+class _Stream(IntEnum):
+    """Streams of random numbers of one seed."""
+
+    PLACE = 1
+    HAND = 3
+    FRICTION = 4
 
 
 def make_camera_noise(scenario: Scenario) -> dict[str, DepthNoise]:
@@ -72,7 +77,7 @@ def make_friction(scenario: Scenario) -> float:
     """Coulomb friction between gripper and object; a range is drawn from the seed."""
     friction = scenario.object.friction
     if isinstance(friction, Uniform):
-        rng = np.random.default_rng([scenario.random_seed, _FRICTION])
+        rng = np.random.default_rng([scenario.random_seed, _Stream.FRICTION])
         return float(rng.uniform(friction.min, friction.max))
     return float(friction)
 
@@ -104,7 +109,7 @@ def make_hand_error(scenario: Scenario) -> Array:
         Shape (4, 4) [m]; directions are drawn from the seed, sizes are those of the scenario.
     """
     config = scenario.execution
-    axes = np.random.default_rng([scenario.random_seed, _HAND]).normal(size=(2, 3))
+    axes = np.random.default_rng([scenario.random_seed, _Stream.HAND]).normal(size=(2, 3))
     along, about = axes / np.linalg.norm(axes, axis=1)[:, None]
     return se3.make_pose(se3.so3_exp(config.angle_error * about), config.position_error * along)
 
@@ -125,7 +130,7 @@ def make_motion(scenario: Scenario) -> ObjectMotion:
     orientation.rotation = scenario.object.rotation
     R_WO = orientation.Sample(generator).rotation().matrix()
     values = dict(vars(config))
-    center, rng = np.array(values.pop("center")), np.random.default_rng([seed, _PLACE])
+    center, rng = np.array(values.pop("center")), np.random.default_rng([seed, _Stream.PLACE])
     motion: ObjectMotion
     if isinstance(config, BezierPath):
         legs = bezier_legs(rng, center, np.array(values.pop("size")))

@@ -32,8 +32,9 @@ _TO_CELL = (channels.IIWA_REQUEST, channels.WSG_COMMAND)
 _FROM_CELL = (channels.IIWA_STATUS, channels.WSG_STATUS, channels.OBJECT_POSE, f"{_IMAGES}.*")
 #: What a clock is set by [s]. Source: definition.
 _SET_BY = (-3600.0, -1.0, -0.01, 0.01, 1.0, 3600.0)
-#: For so long statuses are lost, once in `_OFTEN` [s]. Source: definition.
-_LOST, _OFTEN = 0.15, 1.0
+#: For so long in every second statuses are lost, and for so long a guard is stopped [s].
+#: Source: definition.
+LOST = 0.15
 
 
 class Network(StrEnum):
@@ -103,7 +104,7 @@ class Relay:
     def _of_driver(self, data: bytes) -> bytes:
         """The arm's status, or nothing, beside what a stranger commands or requests."""
         status = lcmt_iiwa_status.decode(data)
-        if self._fault is Network.STATUS_LOST and 1e-6 * status.utime % _OFTEN < _LOST:
+        if self._fault is Network.STATUS_LOST and 1e-6 * status.utime % 1.0 < LOST:
             return b""
         if self._fault is Network.CLOCK_SET:
             status.utime = max(status.utime + self._set_by, 0)

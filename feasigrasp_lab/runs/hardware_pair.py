@@ -24,7 +24,7 @@ from pydrake.lcm import DrakeLcm
 from feasigrasp.errors import HardwareError
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.remote.worker import SERVING
-from feasigrasp_lab.runs.hardware_network import Network, RelayProcess
+from feasigrasp_lab.runs.hardware_network import LOST, Network, RelayProcess
 
 
 class ProcessFault(StrEnum):
@@ -57,8 +57,6 @@ class ProcessFault(StrEnum):
 
 
 _AT_GUARD = [fault for fault in ProcessFault if fault.at_guard]
-#: For so long a guard is stopped [s]. Source: definition.
-_STOPPED = 0.15
 
 
 def run_pair(
@@ -174,7 +172,7 @@ def _strike(struck: subprocess.Popen[bytes], process_fault: ProcessFault, number
         pids = workers_of(struck.pid) if process_fault.at_worker else [struck.pid]
         os.kill(pids[number % len(pids)], process_fault.signal)
         if process_fault is ProcessFault.STOP_GUARD:
-            time.sleep(_STOPPED)
+            time.sleep(LOST)
             struck.send_signal(signal.SIGCONT)
 
 
