@@ -14,6 +14,7 @@ from drake import lcmt_iiwa_command, lcmt_iiwa_status
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
@@ -66,7 +67,7 @@ class Guard:
         #: The last commands, and how often each was received; how many came twice in a row.
         self._sent: OrderedDict[bytes, int] = OrderedDict()
         self._doubled = 0
-        self._answered_at = self._clock()
+        self._answered_at, self._utime = self._clock(), 0
         self._subscriptions = [
             channels.subscribe(lcm, channels.IIWA_REQUEST, self._request),
             channels.subscribe(lcm, channels.IIWA_STATUS, self._answer),
@@ -83,9 +84,20 @@ class Guard:
                 driver is none that can be served.
         """
         while not self._wanted_to_end() or self._in_charge():
-            self._lcm.HandleSubscriptions(100)
+            if not self._guard.moving:
+                self._lcm.HandleSubscriptions(100)
+            elif not self._lcm.HandleSubscriptions(0):
+                self.coast()
+                time.sleep(0.1 * self._guard.period)
         if error := self._error():
             raise HardwareError(error)
+
+    def coast(self) -> None:
+        """Commands the arm where the status of a cycle is missing."""
+        q = self._guard.coast(self._clock())
+        if q is not None:
+            self._utime += 1
+            self._send(q)
 
     def end(self, *_: object) -> None:
         """Ends the service: the arm brakes, whatever is requested, and then it is over."""
@@ -140,8 +152,13 @@ class Guard:
         q = self._guard.command(1e-6 * status.utime, measured, held, self._clock())
         if q is None:
             return
+        self._utime = status.utime
+        self._send(q)
+        self._answered_at = self._clock()
+
+    def _send(self, q: Array) -> None:
         command = lcmt_iiwa_command()
-        command.utime, command.num_joints = status.utime, IIWA_7.joints
+        command.utime, command.num_joints = self._utime, IIWA_7.joints
         command.joint_position = q.tolist()
         encoded = command.encode()
         if self._sent and next(reversed(self._sent.values())) < 2:
@@ -150,7 +167,6 @@ class Guard:
         if len(self._sent) > KEPT:
             self._sent.popitem(last=False)
         self._lcm.Publish(channels.IIWA_COMMAND, encoded)
-        self._answered_at = self._clock()
 
 
 def refuse_if_commanded(lcm: DrakeLcm) -> None:

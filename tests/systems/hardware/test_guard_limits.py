@@ -63,12 +63,13 @@ class Rig:
         message.num_joints, message.joint_position = 7, list(self.asked if q is None else q)
         return message.encode()
 
-    def tick(self, speed=1.0, *, lost=False, copies=1, between=(), asks=True):
+    def tick(self, speed=1.0, *, lost=False, stopped=False, copies=1, between=(), asks=True):
         """One cycle: the driver holds what has come, and sends a status.
 
         Args:
             speed: That the controller takes joint 0 to [rad/s].
             lost: Whether the status is lost.
+            stopped: Whether the guard is stopped; its messages are lost.
             copies: Of the status.
             between: Share of the cycle, channel and message of what others send in it.
             asks: Whether the controller requests a position.
@@ -79,7 +80,7 @@ class Rig:
         self.now = begin
         data = self.status(ahead=self.T * self.noise * self.rng.uniform(-1, 1))
         self.behind = self.T * self.arrival * self.rng.uniform(0, 1)
-        if not lost:
+        if not lost and not stopped:
             self.send(channels.IIWA_STATUS, *[data] * copies)
         if asks:
             change = np.clip(speed - self.speed, -5.0 * self.T, 5.0 * self.T)
@@ -87,9 +88,15 @@ class Rig:
             self.asked = self.asked + self.speed * self.T * np.eye(7)[0]
             self.send(channels.IIWA_REQUEST, self.request())
         self.behind = 0.0
-        for share, channel, message in between:
+        looks = 0.0 if stopped else self.rng.uniform(0.05, 0.15)
+        missing = [(k * looks, None, None) for k in range(1, int(looks and 1.0 / looks))]
+        for share, channel, message in sorted([*between, *missing], key=lambda event: event[0]):
             self.now = begin + share * self.T
-            self.send(channel, message() if callable(message) else message)
+            if channel is None:
+                self.guard.coast()
+                self.pump()
+            else:
+                self.send(channel, message() if callable(message) else message)
 
     def ticks(self, seconds, speed=1.0, **how):
         for _ in range(round(seconds / self.T)):
@@ -217,13 +224,13 @@ def test_a_clock_that_is_set_is_no_silence(period, by, follows):
 @pytest.mark.parametrize("period, seconds", cases((0.006, 0.01, 0.02, 0.05, 0.15, 0.24, 0.3, 2.0)))
 @pytest.mark.parametrize("clock", [0.0, -0.1])
 def test_after_a_gap_it_starts_from_rest(period, seconds, clock):
-    """Lost statuses, or a guard that was stopped: the driver has held its position."""
+    """A guard that was stopped: the driver has held its position."""
     if clock and seconds < 4.5 * period:
         pytest.skip("a clock that is set while the computer is late: taken for the latter")
     rig = Rig(period)
     rig.moving()
     for _ in range(max(2, round(seconds / period))):
-        rig.tick(lost=True)
+        rig.tick(stopped=True)
     since = len(rig.held)
     rig.offset += clock
     rig.speed, rig.asked = 0.0, rig.q.copy()
@@ -231,6 +238,49 @@ def test_after_a_gap_it_starts_from_rest(period, seconds, clock):
     rig.ticks(0.2)
     rig.keeps_limits(since, at_rest=True)
     assert np.abs(rig.held[-1] - rig.held[since]).max() > 0.02
+
+
+@pytest.mark.parametrize("period, seconds", cases((0.002, 0.006, 0.01, 0.02, 0.05, 0.15, 2.0)))
+@pytest.mark.parametrize("asks, arrival", [(True, 0.0), (True, 0.2), (False, 0.2)])
+def test_where_statuses_are_lost_the_arm_does_not_stop_dead(period, seconds, asks, arrival):
+    """It goes on as requested, or brakes: the driver receives the commands."""
+    rig = Rig(period, arrival)
+    rig.moving()
+    for _ in range(3):
+        before = rig.q[0]
+        rig.ticks(max(period, seconds), lost=True, asks=asks)
+        assert rig.q[0] > before or seconds > 0.2
+        rig.asked = rig.q.copy()
+        rig.ticks(0.2)
+    rig.rests()
+    rig.keeps_limits()
+
+
+@pytest.mark.parametrize("period, share, seed", cases((0.1, 0.3), (1, 2)))
+def test_single_statuses_that_are_lost_or_late_change_nothing(period, share, seed):
+    rig = Rig(period, 0.2, seed=seed)
+    rig.moving()
+    for _ in range(round(0.5 / period)):
+        rig.tick(lost=rig.rng.random() < share)
+    v = np.diff(np.array(rig.held), axis=0)[-round(0.3 / period) :, 0] / period
+    assert v.min() > 0.8
+    rig.rests()
+    rig.keeps_limits()
+
+
+@pytest.mark.parametrize("period", PERIODS)
+def test_a_driver_that_received_nothing_either_is_not_chased(period):
+    """Neither its statuses nor the commands came through: it holds its position."""
+    rig = Rig(period)
+    rig.moving()
+    q = rig.q.copy()
+    for _ in range(round(0.03 / period)):
+        rig.tick(lost=True)
+        rig.q = q.copy()
+    since = len(rig.held)
+    rig.speed, rig.asked = 0.0, rig.q.copy()
+    rig.ticks(0.31, 0.0)
+    rig.keeps_limits(since, at_rest=True)
 
 
 @pytest.mark.parametrize("period, copies, seed", cases((2, 3, 9), (1, 2)))

@@ -28,7 +28,8 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 class CommandGuard:
     """Follows requested positions within the limits, and brakes when there are none.
 
-    It takes one step in every cycle of the driver (`DriverClock`). It begins `START_AFTER` seconds
+    It takes one step in every cycle of the driver (`DriverClock`), also where its status is missing
+    (`coast`). It begins `START_AFTER` seconds
     after the first status message, at the position that the driver holds, and again when they have
     been missing for `SILENCE`. Where cycles were left out, it goes on from rest.
 
@@ -87,6 +88,7 @@ class CommandGuard:
         # By the driver's cycles; stamps of requests are of the clock of whoever sends them.
         self._time, self._since, self._received_at = 0.0, 0.0, -np.inf
         self._requested, self._rate = np.zeros(IIWA_7.joints), np.zeros(IIWA_7.joints)
+        self._measured, self._coasted = self._q, deque[Array](maxlen=8)
         self._stamp = -np.inf
         self._ahead: float | None = None
         self._recent: dict[float, bytes] = {}
@@ -95,6 +97,11 @@ class CommandGuard:
         self._starting = True
         self.moving = self.received = self.contested = False
         self.refused = ""
+
+    @property
+    def period(self) -> float:
+        """The driver's [s]."""
+        return self._clock.period
 
     def request(self, stamp: float, q: Array) -> bool:
         """Accepts requested positions; returns whether they are used.
@@ -149,6 +156,7 @@ class CommandGuard:
             held: Positions that the driver holds by its message [rad], shape (7,).
             now: This computer's monotonic clock [s]; without it stamps alone count.
         """
+        missing = self._clock.missing
         tick = self._clock.tick(time, now)
         self._time += self._clock.passed
         if tick is Tick.BEGIN:
@@ -158,6 +166,8 @@ class CommandGuard:
             self._ahead = None
         if tick is not Tick.NONE:
             self._unanswered = 0
+        if missing and tick is Tick.NEXT and held is not None and not self._was_received(held):
+            tick = Tick.GAP
         if tick in (Tick.BEGIN, Tick.GAP) or self._starting:
             self._rest(measured, held)
         if self._starting and self._time - self._since >= self.START_AFTER - 1e-9:
@@ -167,8 +177,31 @@ class CommandGuard:
                 self._safety = replace(self._safety, options=options)
         if tick is Tick.NONE or self._starting or self.refused:
             return None
+        self._coasted.clear()
         self._step(measured)
         return self._q.copy()
+
+    def coast(self, now: float) -> Array | None:
+        """The positions to send where a status is missing while the arm moves; None elsewhere.
+
+        They go on as requested, and brake when statuses have been missing for `DEADLINE`. If they
+        reach the driver, the arm does not stop dead.
+
+        Args:
+            now: This computer's monotonic clock [s].
+        """
+        if self._starting or self.refused or not self.moving or not self._clock.is_missing(now):
+            return None
+        self._time += self._clock.passed
+        self._unanswered = 0
+        self._step(self._measured)
+        self._coasted.append(self._q)
+        return self._q.copy()
+
+    def _was_received(self, held: Array) -> bool:
+        """Whether the driver holds one of the positions that were sent while statuses missed."""
+        step = 0.5 * self._clock.period * max(np.abs(self._v).max(), 1e-6)
+        return any(np.abs(held - q).max() <= step for q in self._coasted)
 
     def _rest(self, measured: Array, held: Array | None) -> None:
         """Begins where the driver is: at the position of its message, else at the last command."""
@@ -180,10 +213,13 @@ class CommandGuard:
         self._q = np.array(measured, dtype=float)
 
     def _step(self, measured: Array) -> None:
+        self._measured = measured
         # Of the time that passes by either clock.
         period, age = self._clock.period * self._clock.rate, self._time - self._received_at
         near = np.abs(self._requested - measured).max() <= self.MAX_DISTANCE
-        self.received = bool(age <= self.DEADLINE + 1e-9 and near and not self.contested)
+        alone = self._clock.missing * self._clock.period
+        recent = max(age, alone) <= self.DEADLINE + 1e-9
+        self.received = bool(recent and near and not self.contested)
         wish = np.zeros(IIWA_7.joints)
         if self.received:
             # What is sent now counts at the end of the period, like the request that is prolonged.

@@ -24,6 +24,12 @@ BURST = 0.3
 #: A message that comes later after the last than this leaves cycles out where stamps show that the
 #: clock was set [usual intervals]. Source: reasoned: a busy computer is late as well.
 LATE_AT_STEP = 4.0
+#: A status is missing where none has come for the first of these, and the driver takes a command
+#: for its cycle until the second [cycles]. Source: reasoned: its next cycle begins at 2.
+MISSING, IN_TIME = 1.5, 1.8
+#: Cycles are counted without statuses where the two clocks have been compared for so long [s], and
+#: differ by this share at most. Source: reasoned: cycles are still in step when the arm has braked.
+COMPARED, AGREE = 0.5, 0.02
 #: A clock that comes to be faster than this computer's by more than this ratio is followed slowly,
 #: by the average over this number of cycles. Source: guessed.
 FASTER, AVERAGED = 0.5, 200
@@ -66,6 +72,10 @@ class DriverClock:
         self._stamps: list[float] | None = []
         self._intervals: deque[float] = deque(maxlen=9)
         self._average, self._skipped = 1.0, False
+        #: Stamp and clock at the message that cycles are compared from, and the ratio since [s].
+        self._reference, self._ratio = (0.0, 0.0), float("nan")
+        #: Cycles of which the status is missing, since the last message that was used.
+        self.missing = 0
 
     def tick(self, stamp: float, now: float | None = None) -> Tick:
         """What a status message means.
@@ -85,6 +95,8 @@ class DriverClock:
             return self._first(stamp, late, now)
         error = stamp - self._due
         in_turn = abs(error) <= JITTER * self.period
+        if self.missing and not in_turn and late < IN_TIME * self._ratio * self.period:
+            return Tick.NONE  # its cycle was counted, or the clock was set meanwhile
         usual = statistics.median(self._intervals) if now is not None else self.period
         if now is None:
             if not in_turn and 0.0 < passed < self.period:
@@ -106,11 +118,37 @@ class DriverClock:
         most = LATE_AT_STEP if stepped else 1.0 + JITTER
         left_out = not in_turn and (passed > 0.0 if now is None else late > most * usual)
         gap, self._skipped = left_out or self._skipped, False
+        self._compare(stamp, self._now, again=not (gap or in_turn))
         self.passed = max(passed, self.period) if gap else self.period
-        self._stamp = stamp
+        self._stamp, self.missing = stamp, 0
         # The next instant makes up for half of the error.
         self._due = (self._due + 0.5 * error if in_turn else stamp) + self.period
         return Tick.GAP if gap else Tick.NEXT if in_turn else Tick.STEPPED
+
+    def is_missing(self, now: float) -> bool:
+        """Whether the status of a cycle is missing; then it is counted, without one.
+
+        Args:
+            now: This computer's monotonic clock [s].
+        """
+        if self._stamps is not None or not abs(self._ratio - 1.0) <= AGREE:
+            return False
+        cycle = self._ratio * self.period
+        if not MISSING * cycle <= now - self._now < IN_TIME * cycle:
+            return False
+        self.missing += 1
+        self._now += cycle
+        self._stamp += self.period
+        self._due += self.period
+        self.passed = self.period
+        return True
+
+    def _compare(self, stamp: float, now: float, *, again: bool) -> None:
+        """Compares the clocks; ``again`` where the driver's was set."""
+        if again:
+            self._reference, self._ratio = (stamp, now), float("nan")
+        elif stamp - self._reference[0] >= COMPARED:
+            self._ratio = (now - self._reference[1]) / (stamp - self._reference[0])
 
     def measure(self) -> str:
         """Sets the period to that of the messages since `Tick.BEGIN`.
@@ -136,7 +174,8 @@ class DriverClock:
         self._stamp, self._stamps = stamp, []
         self._now = 0.0 if now is None else now
         self._intervals.clear()
-        self._average, self._skipped = 1.0, False
+        self._average, self._skipped, self.missing = 1.0, False, 0
+        self._compare(stamp, self._now, again=True)
         return Tick.BEGIN
 
     def _first(self, stamp: float, late: float, now: float | None) -> Tick:
