@@ -15,7 +15,7 @@ from feasigrasp.models.ik.self_motion import (
     self_motion_kernel,
 )
 from feasigrasp.models.numerics.fast_math import fast_sincos
-from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.arm import MARGIN
 
 #: Number of steps that shorten the way back from a grasp until no limit is in the way. Source:
 #: numerical.
@@ -54,9 +54,9 @@ def flange_pose_kernel(X_WO, X_OG, standoff, X_GF, X_WF):
 
 
 @compiled(forceinline=True)
-def solve_kernel(X_WF, branch, psi, q):
+def solve_kernel(chain, X_WF, branch, psi, q):
     """Writes the configuration (7,); False if the wrist is out of reach."""
-    circle = self_motion_kernel(X_WF)
+    circle = self_motion_kernel(chain, X_WF)
     if not circle.reached:
         return False
     s, c = fast_sincos(psi)
@@ -65,7 +65,7 @@ def solve_kernel(X_WF, branch, psi, q):
 
 
 @compiled
-def stand_behind_kernel(X_OG, standoff, X_WO, X_GF, branch, psi, X_WF, q):
+def stand_behind_kernel(chain, X_OG, standoff, X_WO, X_GF, branch, psi, X_WF, q):
     """Writes flange pose (4, 4) and configuration (7,) of a hand behind a grasp.
 
     It stands back by the standoff [m], or by less where a joint limit does not allow more. Returns
@@ -75,7 +75,7 @@ def stand_behind_kernel(X_OG, standoff, X_WO, X_GF, branch, psi, X_WF, q):
     for step in range(_BACKS + 1):
         back = standoff * (1.0 - step / _BACKS)
         flange_pose_kernel(X_WO, X_OG, back, X_GF, X_WF)
-        reached = solve_kernel(X_WF, branch, psi, q)
-        if reached and inside_limits_kernel(q, IIWA_7.position_margin):
+        reached = solve_kernel(chain, X_WF, branch, psi, q)
+        if reached and inside_limits_kernel(chain, q, chain[0, MARGIN]):
             break
     return back, reached

@@ -30,20 +30,17 @@ from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import dot, minus, step
 from feasigrasp.models.robot.capsule_kernels import closest_parameters, end_point, is_clear_kernel
 from feasigrasp.models.robot.capsules import CapsuleModel
-from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: What `verdict_kernel` returns: places in `feasigrasp.models.reach.reachability.VERDICTS`. Source:
 #: layout.
 REACHABLE, WRIST, LIMITS, SELF_COLLISION, TABLE = 0, 1, 2, 3, 4
-
-#: Distance from joint 7 to the flange [m]. Source: data sheet: KUKA LBR iiwa 7 R800.
-_LINK_7_TO_FLANGE = IIWA_7.link_steps[-1]
 
 
 class Search(NamedTuple):
     """Data of arm, hand and table for the search kernels.
 
     Attributes:
+        chain: That of the `Arm`.
         psis: Arm angles at which the nearest configuration is looked for, shape (n,) [rad].
         spacing: Largest step between the arm angles that are tried inside an interval [rad].
         limit_margin: Distance kept from the joint limits [rad].
@@ -53,11 +50,14 @@ class Search(NamedTuple):
         capsules: Arm and hand, with all pairs and movers to check.
         open: The same, with the pairs and movers that the flange pose alone does not decide.
         hand: Capsules that move with the flange, shape (h,).
+        on_flange: Ends of the capsules in the flange frame, shape (c, 2, 3) [m]; only those of the
+            hand mean anything.
         fixed: Ends of the capsules in the base frame, shape (c, 2, 3) [m]; only those of the base,
             and of link 1 on the axis of joint 1, mean anything.
         fixed_pairs: Pairs of such a capsule and one of the hand, shape (p, 2).
     """
 
+    chain: Array
     psis: Array
     spacing: float
     limit_margin: float
@@ -67,6 +67,7 @@ class Search(NamedTuple):
     capsules: CapsuleModel
     open: CapsuleModel
     hand: Indices
+    on_flange: Array
     fixed: Array
     fixed_pairs: Indices
 
@@ -94,9 +95,9 @@ def make_scratch(search, q_near):
     So the nearest solution moves smoothly with the pose.
     """
     return Scratch(
-        redundancy_samples_kernel(search.psis, arm_angle_kernel(q_near)),
-        make_segments(search.limit_margin),
-        np.empty(IIWA_7.joints),
+        redundancy_samples_kernel(search.psis, arm_angle_kernel(search.chain, q_near)),
+        make_segments(search.chain, search.limit_margin),
+        np.empty(len(q_near)),
         np.empty(search.fixed.shape),
     )
 
@@ -107,12 +108,12 @@ def hand_verdict_kernel(X_WF, search, ends):
 
     Writes the ends of the hand's capsules into ``ends``.
     """
-    local, radius, reach = search.capsules.ends, search.capsules.radius, search.capsules.reach
+    local, radius, reach = search.on_flange, search.capsules.radius, search.capsules.reach
     hand, fixed, pairs, clearance = search.hand, search.fixed, search.fixed_pairs, search.clearance
     for k in range(len(hand)):
         c = hand[k]
         for e in range(2):
-            x, y, z = local[c, e, 0], local[c, e, 1], local[c, e, 2] - _LINK_7_TO_FLANGE
+            x, y, z = local[c, e, 0], local[c, e, 1], local[c, e, 2]
             for i in range(3):
                 ends[c, e, i] = X_WF[i, 0] * x + X_WF[i, 1] * y + X_WF[i, 2] * z + X_WF[i, 3]
         if min(ends[c, 0, 2], ends[c, 1, 2]) - radius[c] < search.floor:
@@ -132,7 +133,7 @@ def hand_verdict_kernel(X_WF, search, ends):
 
 @compiled(forceinline=True)
 def _is_admissible(q, model, search, floor):
-    return inside_limits_kernel(q, search.limit_margin) and is_clear_kernel(
+    return inside_limits_kernel(search.chain, q, search.limit_margin) and is_clear_kernel(
         q, model, search.clearance, floor
     )
 
@@ -182,7 +183,7 @@ def _all_candidates(circle, search, scratch):
     most = 0
     for k in range(count):
         most += 8 * _parts(segments, k, search.spacing)[0]
-    candidates = np.empty((most, IIWA_7.joints))
+    candidates = np.empty((most, len(scratch.q)))
     n = 0
     for k in range(count):
         parts, size = _parts(segments, k, search.spacing)
@@ -202,7 +203,7 @@ def verdict_kernel(X_WF, search, scratch):
     SELF_COLLISION: every configuration inside the limits collides with itself. TABLE: not every
     one does, but all others are too close to the table; or the hand itself is.
     """
-    circle = self_motion_kernel(X_WF)
+    circle = self_motion_kernel(search.chain, X_WF)
     if not circle.reached:
         return WRIST
     verdict = hand_verdict_kernel(X_WF, search, scratch.ends)
@@ -219,17 +220,17 @@ def nearest_kernel(X_WF, q_near, search, scratch, q_best):
     admissible, the best inside the exact intervals. Returns the travel time [s], infinite if there
     is none.
     """
-    circle = self_motion_kernel(X_WF)
+    circle = self_motion_kernel(search.chain, X_WF)
     if not circle.reached or hand_verdict_kernel(X_WF, search, scratch.ends) != REACHABLE:
         return np.inf
-    travel_times_kernel(circle, q_near, search.limit_margin, scratch.samples)
+    travel_times_kernel(search.chain, circle, q_near, search.limit_margin, scratch.samples)
     while next_nearest_kernel(circle, scratch.samples, scratch.q) < np.inf:
         if _is_admissible(scratch.q, search.open, search, search.floor):
             q_best[:] = scratch.q
-            return travel_time_kernel(scratch.q, q_near)
+            return travel_time_kernel(search.chain, scratch.q, q_near)
     shortest = np.inf
     for q in _all_candidates(circle, search, scratch):
-        time = travel_time_kernel(q, q_near)
+        time = travel_time_kernel(search.chain, q, q_near)
         if time < shortest:
             shortest = time
             q_best[:] = q
@@ -247,7 +248,7 @@ def nearest_batch_kernel(X_WF, q_near, search, q, times):
 @compiled
 def verdict_batch_kernel(X_WF, search, verdicts):
     """`verdict_kernel` of poses (n, 4, 4)."""
-    scratch = make_scratch(search, np.zeros(IIWA_7.joints))
+    scratch = make_scratch(search, np.zeros(len(search.chain) - 1))
     for k in range(len(X_WF)):
         verdicts[k] = verdict_kernel(X_WF[k], search, scratch)
 

@@ -19,26 +19,28 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_sincos, sincos_kernel
 from feasigrasp.models.numerics.vectors import cross, dot, step, turn
 from feasigrasp.models.quantities import JOINTS, POSE
+from feasigrasp.models.robot.arm import LOWER, UPPER, VELOCITY, Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 @compiled
-def arm_condition_kernel(q, v):
+def arm_condition_kernel(chain, q, v):
     """Three figures of one state of the arm.
 
     Args:
-        q: Joint positions [rad], shape (7,).
-        v: Joint velocities [rad/s], shape (7,).
+        chain: That of the `Arm`.
+        q: Joint positions [rad], shape (n,).
+        v: Joint velocities [rad/s], shape (n,).
 
     Returns:
         Smallest distance to a joint limit, negative beyond it [rad]; largest joint speed over its
         limit; manipulability sqrt(det J J^T).
     """
     margin, ratio = np.inf, 0.0
-    for i in range(IIWA_7.joints):
-        margin = min(margin, IIWA_7.position_limits[i] - abs(q[i]))
-        ratio = max(ratio, abs(v[i]) / IIWA_7.velocity_limits[i])
-    return margin, ratio, manipulability_kernel(q)
+    for i in range(len(q)):
+        margin = min(margin, chain[i, UPPER] - q[i], q[i] - chain[i, LOWER])
+        ratio = max(ratio, abs(v[i]) / chain[i, VELOCITY])
+    return margin, ratio, manipulability_kernel(chain, q)
 
 
 _BASE_SHOULDER, _SHOULDER_ELBOW, _ELBOW_WRIST, _WRIST_FLANGE = IIWA_7.lengths
@@ -133,14 +135,14 @@ def _sincos(q):
 
 
 @compiled
-def pose_jacobian_kernel(q, X_FT, X_WT, J_WT):
+def pose_jacobian_kernel(chain, q, X_FT, X_WT, J_WT):
     """Writes the tool pose and the Jacobian ``V_WT = J_WT v`` at the tool origin, in the world."""
     s, c = _sincos(q)
     _pose_jacobian(s, c, X_FT, X_WT, J_WT)
 
 
 @compiled
-def manipulability_kernel(q):
+def manipulability_kernel(chain, q):
     """Yoshikawa's measure at any tool point, see `manipulability`."""
     s, c = _sincos(q)
     return _manipulability(s, c)
@@ -160,21 +162,21 @@ def _all_sincos(q):
 
 
 @compiled(nogil=True)
-def _batch_kernel(q, X_FT, X_WT, J_WT):
+def _batch_kernel(chain, q, X_FT, X_WT, J_WT):
     sine, cosine = _all_sincos(q)
     for k in range(len(q)):
         _pose_jacobian(_row(sine, k), _row(cosine, k), X_FT, X_WT[k], J_WT[k])
 
 
 @compiled(nogil=True)
-def _pose_batch_kernel(q, X_FT, X_WT):
+def _pose_batch_kernel(chain, q, X_FT, X_WT):
     sine, cosine = _all_sincos(q)
     for k in range(len(q)):
         _pose_jacobian(_row(sine, k), _row(cosine, k), X_FT, X_WT[k], None)
 
 
 @compiled(nogil=True)
-def _manipulability_batch_kernel(q, out):
+def _manipulability_batch_kernel(chain, q, out):
     sine, cosine = _all_sincos(q)
     for k in range(len(q)):
         out[k] = _manipulability(_row(sine, k), _row(cosine, k))
@@ -187,13 +189,16 @@ def _tool(X_FT: ArrayLike | None) -> Array:
 
 @checked()
 def pose_and_jacobian(
-    q: Annotated[ArrayLike, JOINTS], X_FT: Annotated[ArrayLike, POSE] | None = None
+    q: Annotated[ArrayLike, JOINTS],
+    X_FT: Annotated[ArrayLike, POSE] | None = None,
+    arm: Arm = IIWA_7,
 ) -> tuple[Array, Array]:
     """Tool pose and geometric Jacobian.
 
     Args:
         q: Joint positions [rad], shape (..., 7), at most 2 pi in size.
         X_FT: Tool frame in the flange frame, shape (4, 4); the flange itself by default.
+        arm: The arm.
 
     Returns:
         ``X_WT``, shape (..., 4, 4) [m], and ``J_WT``, shape (..., 6, 7), with rows
@@ -203,36 +208,39 @@ def pose_and_jacobian(
         ArgumentError: ``q`` or ``X_FT`` has another shape; more than a whole turn (degrees?), or no
             pose.
     """
-    q = np.asarray(q)
+    q = arm.positions(q)
     lead = q.shape[:-1]
-    X_WT, J_WT = np.empty((*lead, 4, 4)), np.empty((*lead, 6, IIWA_7.joints))
+    X_WT, J_WT = np.empty((*lead, 4, 4)), np.empty((*lead, 6, arm.joints))
     _batch_kernel(
-        q.reshape(-1, IIWA_7.joints),
+        arm.chain,
+        q.reshape(-1, arm.joints),
         _tool(X_FT),
         X_WT.reshape(-1, 4, 4),
-        J_WT.reshape(-1, 6, IIWA_7.joints),
+        J_WT.reshape(-1, 6, arm.joints),
     )
     return X_WT, J_WT
 
 
 @checked()
 def forward_kinematics(
-    q: Annotated[ArrayLike, JOINTS], X_FT: Annotated[ArrayLike, POSE] | None = None
+    q: Annotated[ArrayLike, JOINTS],
+    X_FT: Annotated[ArrayLike, POSE] | None = None,
+    arm: Arm = IIWA_7,
 ) -> Array:
     """Tool pose ``X_WT``, shape (..., 4, 4). Arguments and errors as `pose_and_jacobian`."""
-    q = np.asarray(q)
+    q = arm.positions(q)
     X_WT = np.empty((*q.shape[:-1], 4, 4))
-    _pose_batch_kernel(q.reshape(-1, IIWA_7.joints), _tool(X_FT), X_WT.reshape(-1, 4, 4))
+    _pose_batch_kernel(arm.chain, q.reshape(-1, arm.joints), _tool(X_FT), X_WT.reshape(-1, 4, 4))
     return X_WT
 
 
 @checked()
-def manipulability(q: Annotated[ArrayLike, JOINTS]) -> Array:
+def manipulability(q: Annotated[ArrayLike, JOINTS], arm: Arm = IIWA_7) -> Array:
     """Yoshikawa's measure sqrt(det J J^T), J in [rad/s; m/s].
 
     It is the same at every tool point. Arguments and errors as `pose_and_jacobian`; shape (...).
     """
-    q = np.asarray(q)
+    q = arm.positions(q)
     out = np.empty(q.shape[:-1])
-    _manipulability_batch_kernel(q.reshape(-1, IIWA_7.joints), out.reshape(-1))
+    _manipulability_batch_kernel(arm.chain, q.reshape(-1, arm.joints), out.reshape(-1))
     return out

@@ -35,6 +35,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
 
@@ -51,7 +52,8 @@ def self_collision_metrics(reference: ReferenceRobot, Q: Array) -> dict[str, flo
     distances = reference.self_distances(Q, NEAR)
     names = [{reference.names[a], reference.names[b]} for a, b in reference.pairs]
     # Forearm and flange: the one turns in the other's fork, 3.6 cm away for most of the way.
-    checked = distances[:, [pair != {IIWA_7.link_names[5], IIWA_7.link_names[7]} for pair in names]]
+    links = reference.arm.link_names
+    checked = distances[:, [pair != {links[-3], links[-1]} for pair in names]]
     nearest = float(checked.min(initial=np.inf))
     return {
         "self_collision_percent": 100.0 * float(np.mean((distances < 0.0).any(axis=1))),
@@ -72,8 +74,8 @@ def torque_metrics(
         Q: Joint positions, shape (m, 7) [rad].
         actuation: Torques of the simulated motors at the same times, shape (m, 7) [Nm].
     """
-    share = np.abs(actuation + reference.gravity_torques(Q)) / IIWA_7.effort_limits
-    clamped = np.abs(actuation) / IIWA_7.effort_limits
+    share = np.abs(actuation + reference.gravity_torques(Q)) / reference.arm.effort_limits
+    clamped = np.abs(actuation) / reference.arm.effort_limits
     # Torques are clamped at their limits, so what comes this near has reached them (relative).
     beyond = np.maximum(share, clamped) >= 1.0 - 1e-6
     return {
@@ -87,27 +89,29 @@ def torque_metrics(
 SLICES = {"iiwa_link_5": 12}
 
 
-def reference_robot(directives: Sequence[ModelDirective]) -> ReferenceRobot:
+def reference_robot(directives: Sequence[ModelDirective], arm: Arm = IIWA_7) -> ReferenceRobot:
     """The reference model of a cell, cached per process."""
-    return _reference_robot(yaml_dump_typed(ModelDirectives(directives=list(directives))))
+    return _reference_robot(yaml_dump_typed(ModelDirectives(directives=list(directives))), arm)
 
 
 @lru_cache(maxsize=4)
-def _reference_robot(text: str) -> ReferenceRobot:
-    return ReferenceRobot(yaml_load_typed(schema=ModelDirectives, data=text).directives)
+def _reference_robot(text: str, arm: Arm) -> ReferenceRobot:
+    return ReferenceRobot(yaml_load_typed(schema=ModelDirectives, data=text).directives, arm)
 
 
 class ReferenceRobot:
     """Arm, gripper with open fingers, and camera, as a cell's directives describe them.
 
     Attributes:
+        arm: The arm.
         names: Bodies of the robot, the base first.
         pairs: Those of them that are not neighbours, as places in ``names``, shape (p, 2).
             Neighbours move with the same link, or with links that a joint connects.
     """
 
-    def __init__(self, directives: Sequence[ModelDirective]) -> None:
+    def __init__(self, directives: Sequence[ModelDirective], arm: Arm = IIWA_7) -> None:
         """Loads the cell anew."""
+        self.arm = arm
         builder = DiagramBuilder()
         self.plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
         parser = Parser(self.plant)
@@ -115,7 +119,7 @@ class ReferenceRobot:
         ProcessModelDirectives(ModelDirectives(directives=list(directives)), self.plant, parser)
         instances = [
             self.plant.GetModelInstanceByName(name)
-            for name in ("iiwa", "gripper", "camera")
+            for name in (arm.name, "gripper", "camera")
             if self.plant.HasModelInstanceNamed(name)
         ]
         self._arm = instances[0]
@@ -154,7 +158,7 @@ class ReferenceRobot:
         Args:
             Q: Joint positions, shape (n, 7) [rad].
         """
-        torques = np.empty((len(Q), IIWA_7.joints))
+        torques = np.empty((len(Q), self.arm.joints))
         for row, q in zip(torques, Q, strict=True):
             self.plant.SetPositions(self._context, self._arm, q)
             weight = self.plant.CalcGravityGeneralizedForces(self._context)
@@ -187,8 +191,8 @@ class ReferenceRobot:
 
     def _keep_apart(self, bodies: list[RigidBody], hulls: list[list[GeometryId]]) -> Array:
         """Lets the hulls of bodies that are not neighbours collide, and nothing else."""
-        links = {name: k for k, name in enumerate(IIWA_7.link_names)}
-        carried = IIWA_7.joints  # the hand and the camera move with the last link
+        links = {name: k for k, name in enumerate(self.arm.link_names)}
+        carried = self.arm.joints  # the hand and the camera move with the last link
         link = [links.get(body.name(), carried) for body in bodies]
         pairs = [(a, b) for a, b in combinations(range(len(bodies)), 2) if link[b] - link[a] >= 2]
         inspector = self._scene_graph.model_inspector()

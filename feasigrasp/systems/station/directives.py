@@ -23,6 +23,7 @@ from pydrake.multibody.parsing import (
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.choices import nearest
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
+from feasigrasp.models.robot.arms import load_arm
 from feasigrasp.models.robot.gripper import PACKAGED, ParallelGripper, load_gripper
 from feasigrasp.models.robot.hand_model import camera_pose, hand_files
 from feasigrasp.resources import model_path
@@ -75,7 +76,11 @@ def modeled_bodies(scenario: Scenario) -> list[str]:
         ScenarioError: `CellConfig.unmodeled` has another name.
     """
     names = [each.add_model.name for each in _flat(scenario) if each.add_model is not None]
-    names = [name for name in names if name not in ("iiwa", "gripper", "camera", "table")]
+    names = [
+        name
+        for name in names
+        if name not in (load_arm(scenario.arm).name, "gripper", "camera", "table")
+    ]
     for name in scenario.cell.unmodeled:
         if name not in names:
             raise ScenarioError(

@@ -48,7 +48,7 @@ def configurations(solutions, X_WO):
     q, X_WF, X_GF = np.empty((len(solutions), 7)), np.empty((4, 4)), se3.inverse(X_FG)
     for k in range(len(q)):
         flange_pose_kernel(X_WO, solutions.X_OG[k], 0.0, X_GF, X_WF)
-        assert solve_kernel(X_WF, solutions.branch[k], solutions.arm_angle[k], q[k])
+        assert solve_kernel(IIWA_7.chain, X_WF, solutions.branch[k], solutions.arm_angle[k], q[k])
     return q
 
 
@@ -118,7 +118,7 @@ def moved_configurations(solutions, X_WO):
     q, X_WF, X_GF = np.full((len(solutions), 7), np.nan), np.empty((4, 4)), se3.inverse(X_FG)
     for k in range(len(q)):
         flange_pose_kernel(X_WO, solutions.X_OG[k], 0.0, X_GF, X_WF)
-        solve_kernel(X_WF, solutions.branch[k], solutions.arm_angle[k], q[k])
+        solve_kernel(IIWA_7.chain, X_WF, solutions.branch[k], solutions.arm_angle[k], q[k])
     return q
 
 

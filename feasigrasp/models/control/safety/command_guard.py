@@ -19,6 +19,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.driver_clock import JITTER, SHORTEST, DriverClock, Tick
 from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel
 from feasigrasp.models.quantities import Positive, PositiveShare
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 
@@ -59,21 +60,22 @@ class CommandGuard:
     COUNTED = 7
 
     @checked(ControlError)
-    def __init__(self, period: Positive, speed: PositiveShare = 1.0) -> None:
+    def __init__(self, period: Positive, speed: PositiveShare = 1.0, arm: Arm = IIWA_7) -> None:
         """A guard that commands in every cycle of a driver.
 
         Args:
             period: Of the driver, until it is measured [s].
             speed: Share of the velocity limits that may be used, in (0, 1].
+            arm: The arm.
 
         Raises:
             ControlError: Another period or speed.
         """
-        self._clock, self._speed = DriverClock(period, self.SILENCE), speed
-        self._q, self._v = np.full(IIWA_7.joints, np.nan), np.zeros(IIWA_7.joints)
+        self._clock, self._speed, self._arm = DriverClock(period, self.SILENCE), speed, arm
+        self._q, self._v = np.full(self._arm.joints, np.nan), np.zeros(self._arm.joints)
         # By the driver's cycles; stamps of requests are of the clock of whoever sends them.
         self._time, self._since, self._received_at = 0.0, 0.0, -np.inf
-        self._requested, self._rate = np.zeros(IIWA_7.joints), np.zeros(IIWA_7.joints)
+        self._requested, self._rate = np.zeros(self._arm.joints), np.zeros(self._arm.joints)
         self._stamp = -np.inf
         self._ahead: float | None = None
         self._recent: dict[float, bytes] = {}
@@ -93,7 +95,7 @@ class CommandGuard:
             stamp: When, by the controller's clock [s].
             q: Positions [rad], shape (7,).
         """
-        if np.shape(q) != (IIWA_7.joints,) or not np.isfinite(q).all() or not np.isfinite(stamp):
+        if np.shape(q) != (self._arm.joints,) or not np.isfinite(q).all() or not np.isfinite(stamp):
             return False
         self._unanswered += 1
         if self._unanswered > 2:  # statuses are missing: nothing is commanded, nor does time pass
@@ -156,7 +158,7 @@ class CommandGuard:
 
     def _rest(self, measured: Array, held: Array | None) -> None:
         """Begins where the driver is: at the position of its message, else at the last command."""
-        self._v, self.moving = np.zeros(IIWA_7.joints), False
+        self._v, self.moving = np.zeros(self._arm.joints), False
         for q, within in ((held, self.MAX_DISTANCE), (self._q, self.MAX_LEAD)):
             if q is not None and np.abs(q - measured).max() <= within:
                 self._q = np.array(q, dtype=float)
@@ -168,19 +170,19 @@ class CommandGuard:
         period, age = self._clock.period * self._clock.rate, self._time - self._received_at
         near = np.abs(self._requested - measured).max() <= self.MAX_DISTANCE
         self.received = bool(age <= self.DEADLINE + 1e-9 and near and not self.contested)
-        wish = np.zeros(IIWA_7.joints)
+        wish = np.zeros(self._arm.joints)
         if self.received:
             # What is sent now counts at the end of the period, like the request that is prolonged.
             left = self._requested + (age - period) * self._rate - self._q
-            limit = self.SPEED * self._speed * np.array(IIWA_7.velocity_limits)
+            limit = self.SPEED * self._speed * np.array(self._arm.velocity_limits)
             rate, share = np.clip(self._rate, -limit, limit), self.SPEED_GAIN * period
             up = self._v + np.maximum(share * (limit - self._v), -self._v)
             down = self._v - np.maximum(share * (limit + self._v), self._v)
             wish = np.clip(
                 self._rate + self.GAIN * left, np.minimum(down, rate), np.maximum(up, rate)
             )
-        q, v = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
+        q, v = np.empty(self._arm.joints), np.empty(self._arm.joints)
         bounds = period, self.MAX_LEAD, self._speed
-        drive_step_kernel(self._q, self._v, wish, measured, bounds, q, v)
+        drive_step_kernel(self._arm.chain, self._q, self._v, wish, measured, bounds, q, v)
         self._q, self._v = q, v
         self.moving = bool(np.any(v != 0.0))
