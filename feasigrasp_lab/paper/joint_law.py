@@ -74,7 +74,7 @@ def _still(q: Array, X_OG: Array, length_scale: float, time: float) -> Solutions
     """
     return Solutions(
         X_OG,
-        np.array([branch_kernel(one) for one in q], dtype=np.int64),
+        np.array([branch_kernel(_CHAIN, one) for one in q], dtype=np.int64),
         np.array([arm_angle_kernel(_CHAIN, one) for one in q]),
         np.zeros((len(q), 2)),
         np.array([length_scale, 0.0]),

@@ -234,7 +234,7 @@ class SolutionSearch:
         grasp = np.repeat(looked_at, [len(one) for one in found])
         configurations = np.concatenate([*found, np.empty((0, IIWA_7.joints))])
         psi = np.array([arm_angle_kernel(_CHAIN, one) for one in configurations])
-        branch = np.array([branch_kernel(one) for one in configurations], dtype=np.int64)
+        branch = np.array([branch_kernel(_CHAIN, one) for one in configurations], dtype=np.int64)
         free, of_grasp = np.zeros((2, len(psi))), X_OG[grasp]
         return self._items(of_grasp, grasp, branch, psi, free[0], free[1], X_WO)
 

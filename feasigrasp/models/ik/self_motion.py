@@ -66,6 +66,8 @@ class SelfMotion(NamedTuple):
 
 
 _NO_CIRCLE = SelfMotion(False, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, (0.0,) * 9)
+#: Of an arm that is not S-R-S.
+REACHED = _NO_CIRCLE._replace(reached=True)
 
 
 @compiled(forceinline=True)

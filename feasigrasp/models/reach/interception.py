@@ -30,15 +30,10 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.continuation import (
     branch_kernel,
     flange_pose_kernel,
+    redundancy_kernel,
     solve_kernel,
 )
-from feasigrasp.models.ik.redundancy import travel_times_kernel
-from feasigrasp.models.ik.self_motion import (
-    arm_angle_kernel,
-    inside_limits_kernel,
-    next_nearest_kernel,
-    self_motion_kernel,
-)
+from feasigrasp.models.ik.self_motion import inside_limits_kernel
 from feasigrasp.models.objects.predicted_poses import PredictionModel, predicted_poses
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import (
@@ -60,6 +55,8 @@ from feasigrasp.models.reach.kernels import (
     Search,
     hand_verdict_kernel,
     make_scratch,
+    next_kernel,
+    start_kernel,
 )
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import ACCELERATION, VELOCITY
@@ -372,23 +369,25 @@ def _interceptions_kernel(ahead, X_OG, present_branch, present_psi, found):
             if due >= cost[i]:
                 break
             flange_pose_kernel(ahead.X_WO[k], X_OG[i], 0.0, ahead.X_GF, X_WF)
-            circle = self_motion_kernel(chain, X_WF)
-            if not circle.reached:
-                continue
             if hand_verdict_kernel(X_WF, search, scratch.ends) != REACHABLE:
                 continue
-            if not bound:
-                travel_times_kernel(chain, circle, q, search.limit_margin, scratch.samples)
+            if bound:
+                there[:] = q
+                if not solve_kernel(chain, X_WF, present_branch, present_psi, there):
+                    continue
+            else:
+                circle = start_kernel(X_WF, q, search, scratch)
+                if not circle.reached:
+                    continue
             for _ in range(1 if bound else int(o.tries)):
                 if bound:
                     branch, psi = present_branch, present_psi
-                    solve_kernel(chain, X_WF, branch, psi, there)
                 else:
-                    time = next_nearest_kernel(circle, scratch.samples, scratch.q)
+                    time = next_kernel(circle, search, scratch)
                     if time > due + _IN_TIME and (time == np.inf or k < int(o.latest)):
                         break
                     there[:] = scratch.q
-                    branch, psi = branch_kernel(there), arm_angle_kernel(chain, there)
+                    branch, psi = branch_kernel(chain, there), redundancy_kernel(chain, there)
                 one, then = _cost_kernel(ahead, k, X_OG[i], there, branch, psi, velocity)
                 if one < cost[i]:
                     cost[i], arrival[i], branches[i], psis[i] = one, then, branch, psi

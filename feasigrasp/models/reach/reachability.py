@@ -25,7 +25,7 @@ from feasigrasp.models.reach.kernels import (
     nearest_batch_kernel,
     verdict_batch_kernel,
 )
-from feasigrasp.models.robot.arm import Arm
+from feasigrasp.models.robot.arm import Arm, Family
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -150,6 +150,16 @@ class Reachability(Frozen):
         return np.ascontiguousarray(np.asarray(X_WG).reshape(-1, 4, 4) @ self._X_GF)
 
 
+def _redundancies(arm: Arm, n: int) -> Array:
+    """Arm angles of an S-R-S arm, else positions of the last of seven joints [rad]."""
+    if arm.family == Family.SRS:
+        return np.linspace(-np.pi, np.pi, n, endpoint=False)
+    if arm.family == Family.PARALLEL:
+        return np.zeros(1)
+    low, high = max(arm.lower[6], -np.pi), min(arm.upper[6], np.pi)
+    return np.asarray(low + (np.arange(n) + 0.5) / n * (high - low))
+
+
 def _make_search(reachability: Reachability) -> Search:
     """Sorts out which pairs of capsules the flange pose alone decides."""
     arm = reachability.arm
@@ -166,7 +176,7 @@ def _make_search(reachability: Reachability) -> Search:
     X_FL = se3.inverse(arm.X_LF)
     return Search(
         chain=arm.chain,
-        psis=np.linspace(-np.pi, np.pi, reachability.n_arm_angles, endpoint=False),
+        psis=_redundancies(arm, reachability.n_arm_angles),
         spacing=2.0 * np.pi / reachability.n_arm_angles,
         limit_margin=float(reachability.limit_margin),
         clearance=float(reachability.clearance),

@@ -25,9 +25,13 @@ AXIS, SIGN, OFFSET = 0, 1, 2
 LOWER, UPPER, VELOCITY, ACCELERATION, EFFORT = 5, 6, 7, 8, 9
 #: The acceleration that may be commanded, and the margin of position. Source: layout.
 COMMANDED, MARGIN = 10, 11
-#: Columns of the last row, the flange's: way from the last link, rotation at q = 0, `Family`, and
-#: what its inverse kinematics needs. Source: layout.
-ROTATION, FAMILY, GEOMETRY, COLUMNS = 5, 14, 15, 21
+#: The point on the axis. Source: layout.
+POINT = 12
+#: Columns of the last row, the flange's: way from the last link, rotation and place at q = 0, its
+#: `Family`, and the lengths or points that inverse kinematics needs. Source: layout.
+ROTATION, PLACE, FAMILY, GEOMETRY, COLUMNS = 5, 14, 17, 18, 24
+#: Axes that come this near meet [m]: digits of model files. Source: numerical.
+MEETING_TOLERANCE = 1e-5
 
 
 class Family(IntEnum):
@@ -94,8 +98,11 @@ class Arm(Frozen):
         family: Its build.
         kp: Gains of the joints' simulated PD controllers, shape (n,) [Nm/rad].
         kd: Likewise, shape (n,) [Nm s/rad].
+        inertias: Of base and links, mass [kg], centre of mass [m] and Ixx, Iyy, Izz, Ixy, Ixz, Iyz
+            about that [kg m^2] in the frame of each, shape (n + 1, 10).
+        rotor_inertias: Of the motors, as the joints feel them, shape (n,) [kg m^2].
         home: A configuration from which the hand looks down in front of the arm, shape (n,) [rad].
-        chain: What kernels take, shape (n + 1, 21): a row for each joint and one for the flange.
+        chain: What kernels take, shape (n + 1, 24): a row for each joint and one for the flange.
     """
 
     name: str
@@ -113,6 +120,8 @@ class Arm(Frozen):
     capsules: tuple[Capsule, ...]
     pairs: tuple[tuple[int, int], ...]
     family: Family
+    inertias: Annotated[Array, ArrayOf(("m", 10))]
+    rotor_inertias: Annotated[Array, _VECTOR]
     kp: Annotated[Array, _VECTOR]
     kd: Annotated[Array, _VECTOR]
     home: Annotated[Array, _VECTOR]
@@ -148,10 +157,33 @@ class Arm(Frozen):
         joints[:, EFFORT] = self.effort_limits
         joints[:, COMMANDED] = self.acceleration_share * self.acceleration_limits
         joints[:, MARGIN] = self.position_margin
-        flange[ROTATION:FAMILY], flange[FAMILY] = self.X_WF[:3, :3].ravel(), self.family
-        geometry = self.lengths
-        flange[GEOMETRY : GEOMETRY + len(geometry)] = geometry
+        joints[:, POINT : POINT + 3] = self.points
+        flange[ROTATION:PLACE], flange[PLACE:FAMILY] = self.X_WF[:3, :3].ravel(), self.X_WF[:3, 3]
+        flange[FAMILY] = self.family
+        if self.family == Family.SRS:
+            flange[GEOMETRY : GEOMETRY + 4] = self.lengths
+        elif self.family == Family.SHOULDER_WRIST:
+            flange[GEOMETRY:] = *self._meeting(0, 1, 2), *self._meeting(4, 5)
+        else:
+            flange[GEOMETRY : GEOMETRY + 3] = self._meeting(4, 5)
         return chain
+
+    def _meeting(self, *joints: int) -> Array:
+        """The point where axes meet [m].
+
+        Raises:
+            ArgumentError: They do not.
+        """
+        axes, points = self.axes[[*joints]], self.points[[*joints]]
+        across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+        meeting = np.linalg.lstsq(across.sum(0), np.einsum("kij,kj->i", across, points))[0]
+        apart = np.abs(np.einsum("kij,kj->ki", across, meeting - points)).max()
+        if apart > MEETING_TOLERANCE:
+            raise ArgumentError(
+                f"axes {', '.join(str(j + 1) for j in joints)} of {self.name} miss each other by "
+                f"{1e3 * apart:.3g} mm; give another family than {self.family.name}"
+            )
+        return np.asarray(meeting)
 
     @property
     def joints(self) -> int:

@@ -188,7 +188,7 @@ def _groups(link: Indices, pairs: Indices) -> Indices:
     links = link[pairs].reshape(-1, 2)
     starts = [k for k in range(len(pairs)) if k == 0 or (links[k] != links[k - 1]).any()]
     ends = [*starts[1:], len(pairs)]
-    runs = [(*links[a].tolist(), a, b) for a, b in zip(starts, ends, strict=True)]
+    runs = [(*links[a].tolist(), a, b) for a, b in zip(starts, ends, strict=False)]
     return np.array(runs, dtype=np.int64).reshape(-1, 4)
 
 

@@ -60,7 +60,7 @@ def test_solutions_reach_their_grasps_and_are_admissible(ring_of_grasps, find):
     assert len(found) > 10
     assert (matches(found.X_OG, X_OG) >= 0).all()
     assert REACHABILITY.admissible(q).all()
-    np.testing.assert_array_equal([branch_kernel(one) for one in q], found.branch)
+    np.testing.assert_array_equal([branch_kernel(IIWA_7.chain, one) for one in q], found.branch)
     np.testing.assert_allclose(forward_kinematics(q, X_FG), X_WO @ found.X_OG, atol=2e-3)
     # Those of one grasp are apart.
     for X in X_OG[:5]:

@@ -37,6 +37,7 @@ def distance_kernel(knots, grasps, corridor, X_GF, options, form):
         for i in range(count):
             back = knots.share[k] * standoff_kernel(grasps.X_OG[i], X_OH, corridor)
             flange_pose_kernel(knots.X_WO[k], grasps.X_OG[i], back, X_GF, X_WF)
+            found[m] = knots.q[k]
             reached = solve_kernel(knots.chain, X_WF, grasps.branch[i], grasps.psi[i], found[m])
             margin = knots.chain[0, MARGIN]
             if reached and inside_limits_kernel(knots.chain, found[m], margin):

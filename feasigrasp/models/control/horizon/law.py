@@ -31,8 +31,7 @@ from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.ik.continuation import branch_kernel
-from feasigrasp.models.ik.self_motion import arm_angle_kernel
+from feasigrasp.models.ik.continuation import branch_kernel, redundancy_kernel
 from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.models.quantities import Count, NotNegative, Positive
 from feasigrasp.models.reach.interception import (
@@ -250,7 +249,7 @@ def _committed(before: HorizonPlan, now: Situation, X_OG: Array, chain: Array) -
     if before.X_OG is not None and np.array_equal(X_OG, before.X_OG):
         return _of_first(plan)
     q = np.array(now.q)
-    branch, psi = np.array([branch_kernel(q)]), np.array([arm_angle_kernel(chain, q)])
+    branch, psi = np.array([branch_kernel(chain, q)]), np.array([redundancy_kernel(chain, q)])
     return replace(
         plan,
         grasps=np.array(X_OG)[None],

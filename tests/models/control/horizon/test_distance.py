@@ -31,7 +31,7 @@ WEIGHT = OPTIONS.distance
 def held(solutions):
     """Grasps that configurations (n, 7) hold, with branches and arm angles."""
     X_OG = se3.inverse(X_WO) @ forward_kinematics(solutions, X_FG)
-    branch = np.array([branch_kernel(q) for q in solutions])
+    branch = np.array([branch_kernel(IIWA_7.chain, q) for q in solutions])
     return X_OG, branch, np.array([arm_angle_kernel(IIWA_7.chain, q) for q in solutions])
 
 
@@ -65,7 +65,7 @@ def test_the_solution_is_that_of_the_grasp_pulled_back(share):
     expected = X_WO @ X_OG[0]
     expected[:3, 3] -= back * expected[:3, 2]
     np.testing.assert_allclose(X_WT, expected, atol=1e-5)
-    assert branch_kernel(target) == branch[0]
+    assert branch_kernel(IIWA_7.chain, target) == branch[0]
     assert arm_angle_kernel(IIWA_7.chain, target) == pytest.approx(psi[0], abs=1e-5)
 
 
