@@ -12,7 +12,7 @@ import numpy as np
 
 from feasigrasp.errors import CameraError, GraspError, ScenarioError
 from feasigrasp.models.choices import ControlSpace, Span, metadata_of, nearest
-from feasigrasp.models.robot.arms import load_arm
+from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import load_gripper

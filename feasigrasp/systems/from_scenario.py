@@ -16,7 +16,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.arms import load_arm
+from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.modeled_bodies import ModeledBodies

@@ -8,7 +8,7 @@ from feasigrasp.errors import ScenarioError
 from feasigrasp.models.control.planning.static_grid import static_grid
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
-from feasigrasp.models.robot.arms import load_arm
+from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.gripper import load_gripper
 from feasigrasp.scenario.sampling import make_static_obstacles
