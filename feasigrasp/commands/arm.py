@@ -95,30 +95,32 @@ def _flange(X_WF: Array) -> dict[str, Any]:
 
 
 def _home(arm: Arm) -> Array:
-    """The most manipulable configuration found with the hand in front of the arm, shape (n,)."""
+    """The most manipulable configuration found with the hand in front of the arm, shape (n,).
+
+    Where the wrist cannot be so near the first axis, the hand is farther out.
+    """
     reach = float(np.abs(np.diff([*arm.points[1:], arm.X_WF[:3, 3]], axis=0)).max(axis=1).sum())
-    place, X_FG = _HOME * min(1.0, reach / _REACH), ParallelGripper().X_FG
+    X_FG, n = ParallelGripper().X_FG, arm.joints
     lower, upper = np.maximum(arm.lower, -np.pi) + 0.2, np.minimum(arm.upper, np.pi) - 0.2
-    middle, best, most = 0.5 * (lower + upper), 0.5 * (lower + upper), -np.inf
+    middle, starts = 0.5 * (lower + upper), np.random.default_rng(0).uniform(size=(40, n))
+    for out in (0.0, 0.08, 0.16):
+        place = (_HOME + [out, 0.0, 0.5 * out]) * min(1.0, reach / _REACH)
 
-    def error(q: Array) -> Array:
-        X_WG = forward_kinematics(q, X_FG, arm)
-        return np.concatenate(
-            [
-                X_WG[:3, 3] - place,
-                0.5 * (X_WG[:3, 2] - _APPROACH),
-                1e-3 * (q - middle),
-                1e-2 * q[:1],
-            ]
-        )
+        def error(q: Array, place: Array = place) -> Array:
+            X_WG = forward_kinematics(q, X_FG, arm)
+            way, turn = X_WG[:3, 3] - place, 0.5 * (X_WG[:3, 2] - _APPROACH)
+            return np.concatenate([way, turn, 1e-3 * (q - middle), 1e-2 * q[:1]])
 
-    for start in np.random.default_rng(0).uniform(lower, upper, (40, arm.joints)):
-        found = least_squares(error, start, bounds=(lower, upper)).x
-        room = float(np.min(np.minimum(found - lower, upper - found)))
-        worth = float(manipulability(found, arm)) * min(1.0, room / 0.3) - abs(found[0])
-        if np.abs(error(found)[:6]).max() < 0.03 and worth > most:
-            best, most = found, worth
-    return best
+        found = []
+        for start in lower + starts * (upper - lower):
+            q = least_squares(error, start, bounds=(lower, upper)).x
+            room = float(np.min(np.minimum(q - lower, upper - q)))
+            if np.abs(error(q)[:6]).max() < 0.03:
+                worth = float(manipulability(q, arm)) * min(1.0, room / 0.3) - abs(q[0])
+                found.append((worth, q.tolist()))
+        if found:
+            return np.array(max(found)[1])
+    return middle
 
 
 def _turned(arm: Arm) -> Array:

@@ -336,7 +336,7 @@ class Scenario:
             move the camera from its calibrated pose. A camera not named has no errors,
             and ``{}`` takes away those of a scenario that it is applied to.
         sensors: Size of the errors of all simulated sensors.
-        q_start: Joint positions at the start [deg]; those of the arm's ``home`` if empty.
+        q_start: Joint positions at the start [deg]; empty for the arm's ``home``.
         object: The object.
         motion: How it moves; ``!BezierPath {speed: 0.15}`` for one that stops and turns.
         carrier: What carries the object: how firmly, when it lets go, how it looks.

@@ -15,6 +15,7 @@ import trimesh
 from pydrake.common import MemoryFile
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 from pydrake.geometry import (
+    Capsule,
     CollisionFilterDeclaration,
     Convex,
     GeometryId,
@@ -84,6 +85,8 @@ def torque_metrics(
     }
 
 
+#: The hand's bodies in the order of `HAND_NAMES`.
+_HAND = ("gripper_body", "left_finger", "right_finger", "camera_body")
 #: Of how many slices across its z-axis the hulls of a body are made, if not of the whole: the hull
 #: of the whole forearm would fill the fork in which the wrist turns.
 SLICES = {"iiwa_link_5": 12}
@@ -171,11 +174,18 @@ class ReferenceRobot:
         return self._scene_graph.get_query_output_port().Eval(context)
 
     def _add_hulls(self, body: RigidBody) -> list[GeometryId]:
-        """Gives a body the hulls of its visual geometry as collision geometry."""
+        """Gives a body the hulls of its visual geometry as collision geometry; capsules as such."""
         inspector = self._scene_graph.model_inspector()
         hulls: list[GeometryId] = []
         for visual in self.plant.GetVisualGeometriesForBody(body):
             shape, X_BV = inspector.GetShape(visual), inspector.GetPoseInFrame(visual)
+            if isinstance(shape, Capsule):
+                name = f"capsule {len(hulls)}"
+                hulls.append(
+                    self.plant.RegisterCollisionGeometry(
+                        body, X_BV, shape, name, ProximityProperties()
+                    )
+                )
             if not isinstance(shape, Mesh):
                 continue
             for piece in slices(shape, SLICES.get(body.name(), 1)):
@@ -195,6 +205,10 @@ class ReferenceRobot:
         carried = self.arm.joints  # the hand and the camera move with the last link
         link = [links.get(body.name(), carried) for body in bodies]
         pairs = [(a, b) for a, b in combinations(range(len(bodies)), 2) if link[b] - link[a] >= 2]
+        if len(self.arm.inertias):  # seen as its capsules, some of which always overlap
+            hand = {name: carried + 1 + k for k, name in enumerate(_HAND)}
+            number = [(links | hand)[body.name()] for body in bodies]
+            pairs = [(a, b) for a, b in pairs if (number[a], number[b]) in self.arm.pairs]
         inspector = self._scene_graph.model_inspector()
         everything = GeometrySet(inspector.GetAllGeometryIds(Role.kProximity))
         filters = self._scene_graph.collision_filter_manager()

@@ -42,7 +42,7 @@ def test_ports_are_those_of_the_docstring(seeing, ports, documented_ports):
 def test_it_starts_where_the_scenario_says(blind):
     cell = blind.start()
     np.testing.assert_allclose(
-        cell.read("iiwa.state_estimated"), np.r_[np.deg2rad(cell.scenario.q_start), np.zeros(7)]
+        cell.read("iiwa.state_estimated"), np.r_[cell.scenario.start, np.zeros(7)]
     )
     np.testing.assert_array_equal(
         cell.read("iiwa.position_measured"), cell.read("iiwa.state_estimated")[:7]
