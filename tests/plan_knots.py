@@ -3,6 +3,7 @@
 import numpy as np
 
 from feasigrasp.models.control.horizon.knots import Form, Knots, Neighbours
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 
 
@@ -14,6 +15,7 @@ def knots_at(Q, X_FG, X_WO, *, times=None, X_WO_after=None, share=1.0, hand=None
     n = len(Q)
     X_WH, J_WH = hand or zip(*(pose_and_jacobian(q, X_FG) for q in Q), strict=True)
     return Knots(
+        IIWA_7.chain,
         np.zeros(n) if times is None else np.array(times, dtype=float),
         np.array(Q, dtype=float),
         np.array(X_WH),

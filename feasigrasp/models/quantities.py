@@ -241,13 +241,13 @@ class Number:
 
 
 _DEGREES = (2.0 * pi, ", more than a whole turn: are these degrees? Give radians")
-#: Joint positions of the arm, none of whose joints turns by more than 175 degrees; those
-#: of one instant, one that is chosen; and velocities. Not finite where the state is unknown.
-JOINTS = ArrayOf(("...", 7), "rad", finite=False, most=_DEGREES)
-JOINT_POSITIONS = ArrayOf((7,), "rad", finite=False, most=_DEGREES)
-CONFIGURATION = ArrayOf((7,), "rad", most=_DEGREES)
-JOINT_RATES = ArrayOf((7,), "rad/s", finite=False)
-JACOBIAN = ArrayOf((6, 7), finite=False)
+#: Joint positions of an arm; those of one instant, one that is chosen; and velocities. Not finite
+#: where the state is unknown.
+JOINTS = ArrayOf(("...", "joints"), "rad", finite=False, most=_DEGREES)
+JOINT_POSITIONS = ArrayOf(("joints",), "rad", finite=False, most=_DEGREES)
+CONFIGURATION = ArrayOf(("joints",), "rad", most=_DEGREES)
+JOINT_RATES = ArrayOf(("joints",), "rad/s", finite=False)
+JACOBIAN = ArrayOf((6, "joints"), finite=False)
 POINTS = ArrayOf(("n", 3), "m")
 POINT = ArrayOf((3,), "m")
 #: Points of a cloud, some of which may be without depth: whoever takes them counts those.

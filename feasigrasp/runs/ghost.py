@@ -14,7 +14,6 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
@@ -61,7 +60,7 @@ def ghost_of(scenario: Scenario, mode: str, until: float) -> Ghost:
     with suppress(RuntimeError):  # the solver failed
         simulator.AdvanceTo(until)
     log = diagram.GetSubsystemByName("log(arm)").FindLog(simulator.get_context())
-    return Ghost(log.sample_times().copy(), log.data()[: IIWA_7.joints].T.copy())
+    return Ghost(log.sample_times().copy(), np.split(log.data(), 2)[0].T.copy())
 
 
 def show_ghost(meshcat: Meshcat, scenario: Scenario, ghost: Ghost, rate: float) -> None:
@@ -75,19 +74,20 @@ def show_ghost(meshcat: Meshcat, scenario: Scenario, ghost: Ghost, rate: float) 
     """
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-    add_cell(plant, station_config(scenario))
+    config = station_config(scenario)
+    add_cell(plant, config)
     plant.Finalize()
     # Its collision geometry: the visual geometry has colors of its own.
     params = MeshcatVisualizerParams(role=Role.kProximity, default_color=COLOR, prefix=PREFIX)
     shown = MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
     diagram = builder.Build()
     root = diagram.CreateDefaultContext()
-    context, arm = plant.GetMyContextFromRoot(root), plant.GetModelInstanceByName("iiwa")
+    context, arm = plant.GetMyContextFromRoot(root), plant.GetModelInstanceByName(config.arm.name)
     for time in np.arange(0.0, ghost.times[-1], 1.0 / rate):
         plant.SetPositions(context, arm, ghost.q[np.searchsorted(ghost.times, time)])
         root.SetTime(time)
         shown.ForcedPublish(shown.GetMyContextFromRoot(root))
-    robot = robot_instances(plant)
+    robot = robot_instances(plant, config.arm)
     for instance in map(ModelInstanceIndex, range(plant.num_model_instances())):
         if instance not in robot:  # what stands still is there already
             meshcat.Delete(f"{PREFIX}/{plant.GetModelInstanceName(instance)}")

@@ -24,7 +24,6 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.status import Status, StatusCode
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.quantities import ArrayOf
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.one_thread import one_thread
 from feasigrasp.outputs import replacing
 from feasigrasp.runs.console import StatusLine, cause_in_words, progress, verdict
@@ -304,7 +303,7 @@ def measured(
     times, samples = log("metrics")
     q, _ = np.split(log("arm")[1].T, 2, axis=1)
     if sent is None:
-        sent = log("drive")[1].T[:, : IIWA_7.joints]
+        sent = np.split(log("drive")[1], 2)[0].T
     # A simulation that breaks off does so between the logs of an instant.
     whole = min(len(sent), len(q))
     sent, q = sent[:whole], q[:whole]
@@ -314,7 +313,8 @@ def measured(
         samples,
         closes=scenario.grasp.close,
         ticks=JointTicks(
-            sent, log("velocity")[1].T, scenario.control.period, station.plant.time_step()
+            *(sent, log("velocity")[1].T, scenario.control.period, station.plant.time_step()),
+            arm=station.arm,
         ),
         obstacle_distance=log("obstacle_distance")[1],
         truth=ObjectTruth(
@@ -327,7 +327,7 @@ def measured(
         ),
     )
     if len(q):
-        reference = reference_robot(cell_directives(scenario))
+        reference = reference_robot(cell_directives(scenario), station.arm)
         every = max(1, round(SAMPLE_PERIOD / scenario.control.period))
         metrics |= self_collision_metrics(reference, q[::every])
         at, torques = log("torque")

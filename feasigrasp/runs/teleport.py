@@ -6,7 +6,6 @@ import numpy as np
 from pydrake.systems.analysis import Simulator, SimulatorStatus
 
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 def teleport(simulator: Simulator, reachability: Reachability, until: float) -> bool:
@@ -26,7 +25,7 @@ def teleport(simulator: Simulator, reachability: Reachability, until: float) -> 
     diagram, root = simulator.get_system(), simulator.get_mutable_context()
     station, drive, sequencer = map(diagram.GetSubsystemByName, ("station", "drive", "sequencer"))
     plant = station.plant
-    arm = plant.GetModelInstanceByName("iiwa")
+    arm = plant.GetModelInstanceByName(reachability.arm.name)
     plant_context = plant.GetMyMutableContextFromRoot(root)
     while root.get_time() < until:
         # Time between two looks for a grasp [s].
@@ -39,7 +38,7 @@ def teleport(simulator: Simulator, reachability: Reachability, until: float) -> 
         q, _ = reachability.nearest(X_WO @ grasps.X_OG, plant.GetPositions(plant_context, arm))
         found = np.flatnonzero(np.isfinite(q).all(axis=1))
         if len(found):
-            best, rest = q[found[0]], np.zeros(IIWA_7.joints)
+            best, rest = q[found[0]], np.zeros(reachability.arm.joints)
             drive.GetMyMutableContextFromRoot(root).SetDiscreteState(
                 0, np.concatenate([best, rest])
             )

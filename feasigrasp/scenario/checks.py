@@ -12,10 +12,10 @@ import numpy as np
 
 from feasigrasp.errors import CameraError, GraspError, ScenarioError
 from feasigrasp.models.choices import ControlSpace, Span, metadata_of, nearest
-from feasigrasp.models.robot.capsule_kernels import LINKS, link_poses_kernel
+from feasigrasp.models.robot.arm_file import load_arm
+from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import load_gripper
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.plugins import plugins
@@ -284,7 +284,7 @@ def _check_camera_noise(scenario: Scenario) -> None:
 
 
 def _check_vectors(scenario: Scenario) -> None:
-    motion = scenario.motion
+    motion, arm = scenario.motion, load_arm(scenario.arm)
     vectors = {
         f"motion.{key}": (value, 3)
         for key, value in vars(motion).items()
@@ -294,28 +294,28 @@ def _check_vectors(scenario: Scenario) -> None:
         "distractor.offset": (scenario.distractor.offset, 3),
         "grasp.lift": (scenario.grasp.lift, 3),
         "grasp.shake": (scenario.grasp.shake, 3),
-        "q_start": (scenario.q_start, IIWA_7.joints),
+        "q_start": (scenario.q_start, arm.joints if scenario.q_start else 0),
     }
     for key, (value, size) in vectors.items():
         if len(value) != size:
-            what = "x, y and z" if size == 3 else f"one per joint of the iiwa, {size}"
+            what = "x, y and z" if size == 3 else f"one per joint of the arm, {size}"
             raise ScenarioError(f"{key} has {len(value)} entries; give {what}")
     if not np.any(motion.spin_axis):
         raise ScenarioError("motion.spin_axis is zero; give an axis, and spin: 0 for no rotation")
     axis = getattr(scenario.object.rotation, "axis", None)
     if isinstance(axis, np.ndarray) and not axis.any():
         raise ScenarioError("object.rotation.axis is zero; give an axis, or angle_deg: 0 along any")
-    limits = np.rad2deg(IIWA_7.driver.position)
-    for i, (angle, limit) in enumerate(zip(scenario.q_start, limits, strict=True)):
-        if abs(angle) > limit:
+    lower, upper = np.rad2deg(arm.driver.lower), np.rad2deg(arm.driver.upper)
+    for i, (angle, low, high) in enumerate(zip(scenario.q_start, lower, upper, strict=False)):
+        if not low <= angle <= high:
             raise ScenarioError(
                 f"q_start[{i}] is {angle:g}; the driver of the arm takes joint {i + 1} from "
-                f"-{limit:g} to {limit:g} deg"
+                f"{low:g} to {high:g} deg"
             )
-    model = capsule_model(load_gripper(scenario.gripper))
-    q = np.deg2rad(np.array(scenario.q_start, dtype=float))
-    R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
-    link_poses_kernel(q, R, p)
+    model, n = capsule_model(load_gripper(scenario.gripper), arm), arm.joints + 1
+    q = np.array(scenario.start, dtype=float)
+    R, p = np.empty((n, 3, 3)), np.empty((n, 3))
+    link_poses_kernel(arm.chain, q, R, p)
     ends = np.einsum("cij,cej->cei", R[model.link], model.ends) + p[model.link][:, None]
     along = ends[:, :1] + np.linspace(0.0, 1.0, 17)[:, None] * (ends[:, 1:] - ends[:, :1])
     i, j = model.pairs.T

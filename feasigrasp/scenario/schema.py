@@ -18,6 +18,7 @@ from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import check_fields
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import (
     SAFE,
     SEED,
@@ -33,8 +34,8 @@ from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.gripper import PACKAGED
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.sensors.camera_errors import MATERIALS
 from feasigrasp.models.sensors.joint_errors import JointErrors
 from feasigrasp.models.shape.completion import DEFAULT, field_names
@@ -45,9 +46,8 @@ from feasigrasp.scenario.parts import Options, Part, PartConfig
 
 #: ``reachability.method``: exact inverse kinematics.
 EXACT = "ik"
-#: What the driver of the arm takes.
-_MOST = float(np.rad2deg(IIWA_7.driver.position.max()))
-_JOINTS = Span(-_MOST, _MOST, "deg")
+#: No joint of an arm turns farther.
+_JOINTS = Span(-360.0, 360.0, "deg")
 
 
 @dc.dataclass
@@ -327,6 +327,7 @@ class Scenario:
         directives: The robot cell; see ``models/iiwa/cell.dmd.yaml``. Paths start at the scenario's
             file, here and in every other key.
         cell: Table height, clearance to the table, and obstacles.
+        arm: The arm: ``iiwa7``. Its model takes the place of the iiwa in the directives.
         gripper: The hand: ``EZGripper``, ``WSG_50``, or a YAML file with attributes of
             `ParallelGripper`; its model is made of them.
         cameras: Cameras by name.
@@ -335,7 +336,7 @@ class Scenario:
             move the camera from its calibrated pose. A camera not named has no errors,
             and ``{}`` takes away those of a scenario that it is applied to.
         sensors: Size of the errors of all simulated sensors.
-        q_start: Joint positions at the start [deg].
+        q_start: Joint positions at the start [deg]; empty for the arm's ``home``.
         object: The object.
         motion: How it moves; ``!BezierPath {speed: 0.15}`` for one that stops and turns.
         carrier: What carries the object: how firmly, when it lets go, how it looks.
@@ -359,11 +360,12 @@ class Scenario:
     plant_config: MultibodyPlantConfig = dc.field(default_factory=_default_plant)
     directives: list[ModelDirective] = dc.field(default_factory=list)
     cell: CellConfig = dc.field(default_factory=CellConfig)
+    arm: str = "iiwa7"
     gripper: str = PACKAGED
     cameras: dict[str, CameraConfig] = dc.field(default_factory=dict)
     camera_noise: dict[str, dict[str, float]] = dc.field(default_factory=dict)
     sensors: SensorsConfig = dc.field(default_factory=SensorsConfig)
-    q_start: list[float] = key([0.0] * IIWA_7.joints, *_JOINTS)
+    q_start: list[float] = key([], *_JOINTS)
     object: ObjectConfig = dc.field(default_factory=ObjectConfig)
     motion: typing.Union[MotionConfig, BezierPath] = dc.field(  # noqa: UP007 - see above
         default_factory=MotionConfig
@@ -389,8 +391,14 @@ class Scenario:
         check_fields(self, ScenarioError)
         if self.random_seed < 0:
             raise ScenarioError(f"Scenario.random_seed = {self.random_seed}; give 0 or more")
-        if len(self.q_start) != IIWA_7.joints:
-            raise ScenarioError(f"q_start has {len(self.q_start)} entries; give {IIWA_7.joints}")
+        joints = load_arm(self.arm).joints
+        if len(self.q_start) not in (0, joints):
+            raise ScenarioError(f"q_start has {len(self.q_start)} entries; give {joints}")
+
+    @property
+    def start(self) -> Array:
+        """Joint positions at the start [rad]."""
+        return np.deg2rad(self.q_start) if self.q_start else load_arm(self.arm).home
 
     @property
     def sequence(self) -> GraspSequenceConfig:

@@ -18,7 +18,6 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.objects.tracking import Tracking
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.ports import evaluate, optional
@@ -94,7 +93,7 @@ class ControllerInputs:
     def touch(self) -> Array:
         """Torques of a contact that the arm gives way to [Nm], shape (7,); zero without one."""
         touch: Array | None = optional(self._controller._touch, self._context)
-        return np.zeros(IIWA_7.joints) if touch is None else touch
+        return np.zeros(self._controller.reachability.arm.joints) if touch is None else touch
 
     @property
     def X_WC(self) -> Array | None:
@@ -145,6 +144,7 @@ class ControllerInputs:
         """The object's surface with clearance, see `obstacle_surface`."""
         if grid is None or grid.seen is None:
             return grid
-        X_FG, hand = self._controller.reachability.gripper.X_FG, self._controller._open_hand
-        X_OH = se3.inverse(self.X_WO) @ forward_kinematics(self.q, X_FG)
+        reach, hand = self._controller.reachability, self._controller._open_hand
+        X_WH = forward_kinematics(self.q, reach.gripper.X_FG, reach.arm)
+        X_OH = se3.inverse(self.X_WO) @ X_WH
         return obstacle_surface(grid, X_OH, self.grasps.X_OG, hand)

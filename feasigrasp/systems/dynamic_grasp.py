@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, Syste
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
-from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.scenario.checks import check_segmentation
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.sampling import make_hand_error
@@ -156,8 +156,8 @@ def make_dynamic_grasp(
     hand_error = np.eye(4) if station else make_hand_error(scenario)
     builder = DiagramBuilder()
     station = builder.AddNamedSystem("station", station or make_station(scenario))
-    check_cell(station.plant, gripper, hand_error=hand_error)
-    cell = Cell(builder, scenario, gripper, station, segmentation)
+    check_cell(station.plant, gripper, reachability.arm, hand_error=hand_error)
+    cell = Cell(builder, scenario, gripper, reachability.arm, station, segmentation)
     check_segmentation(scenario, own=cell.masked)
     add_tracker(cell, tracker or make_part(Part.TRACKER, scenario, reachability))
     if cell.remote:
@@ -176,7 +176,7 @@ def make_dynamic_grasp(
             sampler or make_part(Part.SAMPLER, scenario, reachability),
         )
     made = controller or make_part(Part.CONTROLLER, scenario, reachability)
-    _check_controller(made)
+    _check_controller(made, reachability.arm)
     planner = None
     if cell.remote and not controller and isinstance(made, GraspController):
         planner = remote_planner(cell, made.period)
@@ -201,7 +201,7 @@ def make_dynamic_grasp(
     return diagram
 
 
-def _check_controller(controller: LeafSystem) -> None:
+def _check_controller(controller: LeafSystem, arm: Arm) -> None:
     """Makes sure that a controller has what every one is given, and what the drive obeys."""
     name, output = type(controller).__name__, "commanded_velocity"
     if not (
@@ -214,8 +214,8 @@ def _check_controller(controller: LeafSystem) -> None:
             "docs/own_parts.md"
         )
     size = controller.GetOutputPort(output).size()
-    if size != IIWA_7.joints:
+    if size != arm.joints:
         raise ScenarioError(
-            f"{name}.{output} has {size} numbers; give the velocities of {IIWA_7.joints} joints "
+            f"{name}.{output} has {size} numbers; give the velocities of {arm.joints} joints "
             "[rad/s]"
         )

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.errors import ScenarioError
@@ -17,6 +16,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.modeled_bodies import ModeledBodies
@@ -73,13 +73,14 @@ def station_config(scenario: Scenario) -> StationConfig:
     return StationConfig(
         plant=scenario.plant_config,
         directives=cell_directives(scenario),
+        arm=load_arm(scenario.arm),
         gripper=load_gripper(scenario.gripper),
         cameras=scenario.cameras,
         camera_noise=make_camera_noise(scenario),
         hand_eye=make_hand_eye(scenario),
         joint_errors=scenario.sensors.joints.scaled(scenario.sensors.error_factor),
         noise_seed=scenario.random_seed,
-        q_start=np.deg2rad(scenario.q_start),
+        q_start=scenario.start,
         friction=make_friction(scenario),
         enforce_constraints=safe,
         touch_object=safe or scenario.grasp.close,
@@ -102,7 +103,8 @@ def make_foreground_segmentation(
     camera = make_camera(scenario, name)
     cell = scenario.cell
     stated = ["table", *cell.boxes, *cell.meshes, *modeled_bodies(scenario)]
-    bodies = ModeledBodies(gripper, cell_boxes(station_config(scenario), stated))
+    boxes = cell_boxes(station_config(scenario), stated)
+    bodies = ModeledBodies(gripper, boxes, load_arm(scenario.arm))
     own = scenario.parts.get(Part.SEGMENTATION)
     if own is not None and mask is None:
         mask = make_named(Part.SEGMENTATION, own, camera)
@@ -145,7 +147,8 @@ def has_eye_in_hand_camera(scenario: Scenario) -> bool:
 
 def make_view_filter(scenario: Scenario, gripper: ParallelGripper) -> ViewFilter:
     """The filter of grasps by visibility in perception's camera."""
-    return ViewFilter(gripper, make_camera(scenario), scenario.grasp.standoff)
+    arm = load_arm(scenario.arm)
+    return ViewFilter(gripper, make_camera(scenario), scenario.grasp.standoff, arm)
 
 
 def make_camera(scenario: Scenario, name: str = "") -> Camera:
@@ -200,7 +203,11 @@ def make_scene(
     """The scene fusion of all pixels but those of some labels."""
     config = scenario.scene
     return PointCloudToScene(
-        labels, gripper=gripper, period=config.period, resolution=config.resolution
+        labels,
+        gripper=gripper,
+        period=config.period,
+        resolution=config.resolution,
+        arm=load_arm(scenario.arm),
     )
 
 

@@ -45,7 +45,6 @@ from feasigrasp.models.quantities import (
     Positive,
 )
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
@@ -164,18 +163,19 @@ class GraspController(LeafSystem):
         super().__init__()
         self.reachability = reachability
         self.period = period
-        self._safety_options = safety or SafetyOptions()
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        self._safety_options = safety or SafetyOptions(arm=reachability.arm)
+        n = reachability.arm.joints
+        self._position = self.DeclareVectorInputPort("position", n)
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._twist = declare_input(self, "object_velocity", SpatialVelocity())
-        self._last = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
+        self._last = self.DeclareVectorInputPort("desired_velocity", n)
         scene = declare_input(self, "scene", kind=SceneField | None)
         static = declare_input(self, "static_obstacles", kind=ObstacleGrid)
         self._motion = declare_input(self, "object_motion", kind=Motion | None)
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
-        self._touch = self.DeclareVectorInputPort("touch", IIWA_7.joints)
+        self._touch = self.DeclareVectorInputPort("touch", n)
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._search_target = declare_input(self, "search_target", kind=SearchTarget | None)
         self._viewpoint = declare_input(
@@ -204,7 +204,7 @@ class GraspController(LeafSystem):
         self._in_effect = ObjectState(self, memory)
         self._planning_time = 0.0
         self._search_pose = PeriodicState(self, None, ReachabilityConfig.period, self._search)
-        self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, weakly(self._calc))
+        self.DeclareVectorOutputPort("commanded_velocity", n, weakly(self._calc))
         self.DeclareVectorOutputPort(
             "chosen_grasp", 16, weakly(self._calc_chosen), self.memory_tickets
         )
@@ -312,7 +312,7 @@ class GraspController(LeafSystem):
         v_W = V_WO[3:] + np.cross(V_WO[:3], lever)
         radius = 0.5 * float(np.linalg.norm(gpdf.bounds[1] - gpdf.bounds[0]))
         X_FG, p_W = self.reachability.gripper.X_FG, X_WO[:3, 3] + lever
-        kept = velocity_in_view(qd, inputs.q, X_FG, X_WC, p_W, v_W, radius)
+        kept = velocity_in_view(qd, inputs.q, X_FG, X_WC, p_W, v_W, radius, self.reachability.arm)
         return qd if np.array_equal(kept, qd) else self.enforced(kept, inputs)
 
     def warm_up(self) -> None:
@@ -323,9 +323,11 @@ class GraspController(LeafSystem):
         # Time between the commands of the warm-up: long, to be there soon [s]. Source: guessed.
         warm_up_step = 0.04
         context = self.CreateDefaultContext()
-        q = np.array([0.1, -0.7, 0.1, -1.6, 0.1, 1.4, 0.1])
+        arm = self.reachability.arm
+        q = np.array(arm.home)
         X_WO = RigidTransform([0.5, 0.0, 0.5])
-        X_WH, _ = pose_and_jacobian(q, self.reachability.gripper.X_FG)  # as a retreat asks for them
+        # As a retreat asks for them.
+        X_WH, _ = pose_and_jacobian(q, self.reachability.gripper.X_FG, arm)
         X_OG = X_WO.inverse().GetAsMatrix4() @ X_WH
         grasps = GraspSet(X_OG[None], np.zeros(1), np.ones(1))
         ball = sphere_points(64, 0.03)
@@ -392,8 +394,9 @@ class GraspController(LeafSystem):
     def _look_again(self, safety: SafetyFilter, q_view: Array, inputs: ControllerInputs) -> Array:
         """The velocity that takes the arm to another view: at first back from the object."""
         X_FG, moving = self.reachability.gripper.X_FG, self._kept_off(inputs)
-        if moving is None or not is_close(moving, inputs.q, X_FG):
-            return self.enforced(search_velocity(inputs.q, q_view, safety.options.speed), inputs)
+        if moving is None or not is_close(moving, inputs.q, X_FG, self.reachability.arm):
+            speed, arm = safety.options.speed, self.reachability.arm
+            return self.enforced(search_velocity(inputs.q, q_view, speed, arm), inputs)
         return retreat_velocity(
             safety, inputs.q, X_FG, moving, qd_last=inputs.qd_last, obstacles=inputs.obstacles
         )
@@ -403,13 +406,16 @@ class GraspController(LeafSystem):
         q_search = self._search_pose.Eval(context) if inputs.search_target else None
         if q_search is not None:
             speed = self._safety_options.speed
-            qd = self.enforced(search_velocity(inputs.q, q_search, speed), inputs)
+            qd = self.enforced(
+                search_velocity(inputs.q, q_search, speed, self.reachability.arm), inputs
+            )
         elif inputs.viewpoint is not None:
             qd = self.in_view(self._look_again(self.safety, inputs.viewpoint, inputs), inputs)
         else:
             qd = self.in_view(self.velocity(self.memory(context), inputs), inputs)
         if inputs.touch.any():
-            J_WH = pose_and_jacobian(inputs.q, self.reachability.gripper.X_FG)[1]
+            X_FG, arm = self.reachability.gripper.X_FG, self.reachability.arm
+            J_WH = pose_and_jacobian(inputs.q, X_FG, arm)[1]
             qd = self.enforced(yielding_velocity(qd, inputs.touch, J_WH), inputs)
         output.SetFromVector(qd)
 

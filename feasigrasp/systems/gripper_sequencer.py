@@ -32,6 +32,7 @@ from feasigrasp.models.objects.prediction import Motion, future_poses
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.quantities import Positive, PositiveShare
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -129,6 +130,7 @@ class GripperSequencer(LeafSystem):
         speed: PositiveShare = 1.0,
         looks: bool = False,
         reachability: Reachability | None = None,
+        arm: Arm = IIWA_7,
     ) -> None:
         """A sequencer for one gripper.
 
@@ -140,12 +142,13 @@ class GripperSequencer(LeafSystem):
             looks: With a camera on the arm, to look for objects that are out of sight.
             reachability: Which configurations the arm can look from; without it a hand that does
                 not get on stays where it is.
+            arm: The arm.
         """
         super().__init__()
         self._looks, self._reachability = looks, reachability
         self._config, self._speed = config, speed
-        self._gripper = gripper
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        self._gripper, self._arm = gripper, arm
+        self._position = self.DeclareVectorInputPort("position", arm.joints)
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._velocity = declare_input(self, "object_velocity", SpatialVelocity.Zero())
@@ -216,7 +219,7 @@ class GripperSequencer(LeafSystem):
             X_WO = np.full((4, 4), np.nan)  # nothing to close the fingers on
         return state.advanced(
             context.get_time(),
-            forward_kinematics(self._position.Eval(context), self._gripper.X_FG),
+            forward_kinematics(self._position.Eval(context), self._gripper.X_FG, self._arm),
             X_WO,
             V_WO,
             self._usable.Eval(context),
@@ -236,7 +239,7 @@ class GripperSequencer(LeafSystem):
         if gpdf is None or doubted or not np.isfinite(X_WO).all():
             return _Approach(attempt.interrupted(now))
         q = self._position.Eval(context)
-        X_OH = inverse_kernel(X_WO) @ forward_kinematics(q, self._gripper.X_FG)
+        X_OH = inverse_kernel(X_WO) @ forward_kinematics(q, self._gripper.X_FG, self._arm)
         attempt = attempt.advanced(now, X_OH, self._offered(context), self._config.patience)
         if not self._camera_pose.HasValue(context):
             return _Approach(attempt.looking(now, None, np.inf) if attempt.blocked else attempt)

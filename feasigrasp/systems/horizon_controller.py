@@ -16,13 +16,14 @@ from feasigrasp.models.control.horizon.law import (
     next_plan,
     plan_velocity,
 )
+from feasigrasp.models.control.horizon.program import ProgramOptions
 from feasigrasp.models.control.planning.clearance_schedule import (
     retreat_velocity,
     scheduled_obstacle,
 )
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.reach.interception import Situation
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.systems.controller_inputs import ControllerInputs
 from feasigrasp.systems.grasp_controller import GraspController
@@ -49,7 +50,10 @@ class HorizonController(GraspController):
             reachability: What the arm can reach, and its gripper.
             options: Weights and limits.
         """
-        self._options = options or HorizonOptions()
+        arm = reachability.arm
+        self._options = options or HorizonOptions(
+            program=ProgramOptions(safety=SafetyOptions(arm=arm))
+        )
         program = self._options.program
         super().__init__(
             reachability, HorizonPlan(), safety=program.safety, period=program.steps[0]
@@ -90,18 +94,19 @@ class HorizonController(GraspController):
         X_FG, q, last = self.reachability.gripper.X_FG, inputs.q, inputs.qd_last
         grasp = memory.grasps[:1]
         moving = scheduled_obstacle(
-            *(inputs.surface, q, inputs.X_WO, inputs.V_WO, X_FG, grasp, self._options.corridor)
+            *(inputs.surface, q, inputs.X_WO, inputs.V_WO, X_FG, grasp, self._options.corridor),
+            arm=self.reachability.arm,
         )
         if len(grasp) == 0:
             return self.safety.velocity(
-                q, np.zeros(IIWA_7.joints), qd_last=last, obstacles=inputs.obstacles, moving=moving
+                q, np.zeros(len(q)), qd_last=last, obstacles=inputs.obstacles, moving=moving
             )
         if moving is not None and moving.misaligned:
             return retreat_velocity(
                 self.safety, q, X_FG, moving, qd_last=last, obstacles=inputs.obstacles
             )
         qd = plan_velocity(memory, inputs.time, self._options.program)
-        J_WH = pose_and_jacobian(q, X_FG)[1]
+        J_WH = pose_and_jacobian(q, X_FG, self.reachability.arm)[1]
         return self.safety.velocity(
             q, qd, J_WH, J_WH @ qd, qd_last=last, obstacles=inputs.obstacles, moving=moving
         )

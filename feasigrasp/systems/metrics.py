@@ -10,6 +10,7 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel, so3_log_kernel
 from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import arm_condition_kernel, forward_kinematics
@@ -75,11 +76,11 @@ class Metrics(LeafSystem):
     """
 
     @checked()
-    def __init__(self, gripper: ParallelGripper) -> None:
+    def __init__(self, gripper: ParallelGripper, arm: Arm = IIWA_7) -> None:
         """Metrics for an arm that carries ``gripper``."""
         super().__init__()
-        self._gripper = gripper
-        self._state = self.DeclareVectorInputPort("state", 2 * IIWA_7.joints)
+        self._gripper, self._arm = gripper, arm
+        self._state = self.DeclareVectorInputPort("state", 2 * arm.joints)
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._frame_pose = declare_input(self, "frame_pose", RigidTransform())
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
@@ -91,7 +92,7 @@ class Metrics(LeafSystem):
     def _calc(self, context: Context, output) -> None:
         q, v = np.split(self._state.Eval(context), 2)
         X_WB = self._pose.Eval(context).GetAsMatrix4()
-        X_WH = forward_kinematics(q, self._gripper.X_FG)
+        X_WH = forward_kinematics(q, self._gripper.X_FG, self._arm)
         X_BH = inverse_kernel(X_WB) @ X_WH
         grasps: GraspSet | None = optional(self._grasps, context)
         sampled: GraspSet | None = optional(self._sampled, context)
@@ -109,7 +110,7 @@ class Metrics(LeafSystem):
         output.SetFromVector(
             np.concatenate(
                 [
-                    arm_condition_kernel(q, v),
+                    arm_condition_kernel(self._arm.chain, q, v),
                     nearest,
                     p_HB,
                     so3_log_kernel(np.ascontiguousarray(X_BH[:3, :3])),

@@ -20,6 +20,7 @@ from feasigrasp.errors import ScenarioError
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.scenario.parts import Part
@@ -72,6 +73,7 @@ class Cell:
         builder: The builder.
         scenario: What is built, resolved.
         gripper: The hand.
+        arm: The arm.
         station: The cell.
         mask: The function that segments images; None for what the scenario says.
         signals: Sources that the table of connections names by one word. ``measured_pose``,
@@ -84,6 +86,7 @@ class Cell:
     builder: DiagramBuilder
     scenario: Scenario
     gripper: ParallelGripper
+    arm: Arm
     station: Station
     mask: MaskFn | None = None
     signals: dict[str, OutputPort] = field(default_factory=dict)
@@ -303,11 +306,12 @@ def add_control(
         period=config.period,
         looks=looks,
         reachability=reachability if safe else None,
+        arm=cell.arm,
     )
     cell.add("sequencer", sequencer)
     if sees:
         cell.signal("hand_phase", sequencer.GetOutputPort("phase"))
-    cell.add("contact_sense", ContactSense(scenario.plant_config.time_step))
+    cell.add("contact_sense", ContactSense(scenario.plant_config.time_step, cell.arm))
     cell.add("drive", make_drive(scenario))
     cell.add("controller", controller)
     if safe and cell.simulated and planner is None and isinstance(controller, GraspController):
@@ -321,7 +325,8 @@ def add_control(
 def add_status(cell: Cell) -> None:
     """Adds the status monitor."""
     measured = cell.scenario.tracker.kind != TrackerKind.CAMERA
-    cell.add("status", StatusMonitor(cell.gripper, cell.scenario.grasp, sees_slip=measured))
+    monitor = StatusMonitor(cell.gripper, cell.scenario.grasp, sees_slip=measured, arm=cell.arm)
+    cell.add("status", monitor)
 
 
 def add_measurement(cell: Cell) -> None:
@@ -347,7 +352,7 @@ def add_judges(cell: Cell) -> None:
         cell: A cell whose station is simulated.
     """
     station = cell.station
-    metrics = cell.add("metrics", Metrics(cell.gripper))
+    metrics = cell.add("metrics", Metrics(cell.gripper, cell.arm))
     distance = ObstacleDistance(station.plant, station.robot_instances())
     cell.add("obstacle_distance", distance)
     contact = ObjectContact(station.plant, station.object_body.index(), station.robot_instances())

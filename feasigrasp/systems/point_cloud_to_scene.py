@@ -17,6 +17,7 @@ from feasigrasp.models.clouds.edges import edge_pixels
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.observed_space import DepthView, ObservedSpace
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -66,6 +67,7 @@ class PointCloudToScene(LeafSystem):
         gripper: ParallelGripper | None = None,
         period: float = SceneConfig.period,
         resolution: float = SceneConfig.resolution,
+        arm: Arm = IIWA_7,
     ) -> None:
         """A perception of the surroundings that looks every ``period`` seconds.
 
@@ -74,14 +76,15 @@ class PointCloudToScene(LeafSystem):
             gripper: The hand that the arm carries; the default one if None.
             period: Time between views [s].
             resolution: Resolution of the scene [m].
+            arm: The arm.
         """
         super().__init__()
         self._ignored, self._resolution = np.array(sorted(set(ignored_labels))), resolution
-        self._balls = arm_balls(capsule_model(gripper))
+        self._balls = arm_balls(capsule_model(gripper, arm))
         self._cloud = declare_input(self, "point_cloud", PointCloud())
         self._labels = declare_input(self, "label_image", ImageLabel16I(1, 1))
         self._pose = declare_input(self, "camera_pose", RigidTransform())
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        self._position = self.DeclareVectorInputPort("position", arm.joints)
         nothing = _Surroundings(FusedCloud.empty(resolution), ObservedSpace.unknown(*ARM_BOX))
         self._seen = PeriodicState(self, nothing, period, self._look)
         state = {self._seen.ticket()}

@@ -22,6 +22,7 @@ from feasigrasp.models.quantities import Positive
 from feasigrasp.models.reach.feasible_grasps import JudgedGrasps, feasible_grasps
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -57,13 +58,20 @@ class ViewFilter(LeafSystem):
     ``camera_pose`` X_WC give the camera's pose on the hand. None is dropped.
     """
 
-    def __init__(self, gripper: ParallelGripper, camera: Camera, standoff: float = 0.0) -> None:
+    def __init__(
+        self,
+        gripper: ParallelGripper,
+        camera: Camera,
+        standoff: float = 0.0,
+        arm: Arm = IIWA_7,
+    ) -> None:
         """A filter for a hand with ``camera`` on it that waits ``standoff`` behind grasps [m]."""
         super().__init__()
         self._gripper, self._camera, self._standoff = gripper, camera, standoff
+        self._arm = arm
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        self._position = self.DeclareVectorInputPort("position", arm.joints)
         self._pose = declare_input(self, "camera_pose", RigidTransform())
         declare_output(self, "grasps", self._calc)
 
@@ -71,7 +79,7 @@ class ViewFilter(LeafSystem):
         grasps, gpdf = self._grasps.Eval(context), evaluate(self._gpdf, context)
         if gpdf is None:
             return grasps
-        X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG)
+        X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG, self._arm)
         X_HC = se3.inverse(X_WH) @ self._pose.Eval(context).GetAsMatrix4()
         X_HC[2, 3] -= self._standoff
         return rated_by_view(grasps, gpdf.points, X_HC, self._camera)
@@ -226,8 +234,9 @@ class ReachabilityFilter(LeafSystem):
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._twist = declare_input(self, "object_velocity", SpatialVelocity.Zero())
         self._motion = declare_input(self, "object_motion", kind=Motion | None)
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
-        self._velocity = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
+        n = reachability.arm.joints
+        self._position = self.DeclareVectorInputPort("position", n)
+        self._velocity = self.DeclareVectorInputPort("desired_velocity", n)
         self._kept_before = PeriodicState(
             self,
             np.zeros(0, dtype=np.int64),
@@ -248,7 +257,7 @@ class ReachabilityFilter(LeafSystem):
         now = Situation(
             context.get_time(),
             self._position.Eval(context),
-            np.zeros(IIWA_7.joints) if v is None else v,
+            np.zeros(self._reachability.arm.joints) if v is None else v,
             self._pose.Eval(context).GetAsMatrix4(),
             self._twist.Eval(context).get_coeffs(),
             optional(self._motion, context),

@@ -1,4 +1,4 @@
-"""Integrates joint velocity commands into desired states of the iiwa."""
+"""Integrates joint velocity commands into desired states of the arm."""
 
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
@@ -7,6 +7,7 @@ from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel
 from feasigrasp.models.quantities import Positive, PositiveShare
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.ports import weakly
 
@@ -41,43 +42,43 @@ class VelocityDrive(LeafSystem):
     MAX_LEAD = 0.10
 
     @checked(ControlError)
-    def __init__(self, period: Positive, *, speed: PositiveShare = 1.0) -> None:
+    def __init__(self, period: Positive, *, speed: PositiveShare = 1.0, arm: Arm = IIWA_7) -> None:
         """A drive that updates every ``period`` seconds.
 
         Args:
             period: Control period [s].
             speed: Share of the velocity limits that may be used, in (0, 1].
+            arm: The arm.
 
         Raises:
             ControlError: Another period or speed.
         """
         super().__init__()
-        self._period, self._speed = period, speed
-        self._velocity = self.DeclareVectorInputPort("velocity", IIWA_7.joints)
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
-        state = self.DeclareDiscreteState(2 * IIWA_7.joints)
+        self._period, self._speed, self._arm = period, speed, arm
+        n = arm.joints
+        self._velocity = self.DeclareVectorInputPort("velocity", n)
+        self._position = self.DeclareVectorInputPort("position", n)
+        state = self.DeclareDiscreteState(2 * n)
         faults = self.DeclareDiscreteState(1)
         self.DeclareStateOutputPort("desired_state", state)
         self.DeclareStateOutputPort("command_faults", faults)
         self.DeclareVectorOutputPort(
             "desired_velocity",
-            IIWA_7.joints,
+            n,
             weakly(self._calc_velocity),
             {self.discrete_state_ticket(state)},
         )
         self.DeclareInitializationDiscreteUpdateEvent(weakly(self._initialize))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._update))
-        zero = np.zeros(IIWA_7.joints)
+        zero = np.zeros(n)
         self._step(zero, zero, zero, zero)  # compiles its kernel, before the first tick
 
     def _initialize(self, context: Context, discrete_state) -> None:
         q = self._position.Eval(context)
-        discrete_state.get_mutable_vector(0).SetFromVector(
-            np.concatenate([q, np.zeros(IIWA_7.joints)])
-        )
+        discrete_state.get_mutable_vector(0).SetFromVector(np.concatenate([q, np.zeros(len(q))]))
 
     def _calc_velocity(self, context: Context, output) -> None:
-        output.SetFromVector(context.get_discrete_state(0).value()[IIWA_7.joints :])
+        output.SetFromVector(context.get_discrete_state(0).value()[self._arm.joints :])
 
     def _update(self, context: Context, discrete_state) -> None:
         q, v = np.split(context.get_discrete_state(0).value(), 2)
@@ -89,9 +90,10 @@ class VelocityDrive(LeafSystem):
         discrete_state.get_mutable_vector(1).SetFromVector(faults)
 
     def _step(self, q, v, command, measured):
-        """The next desired state (14,), and whether the command is a fault."""
-        desired = np.empty(2 * IIWA_7.joints)
-        q_next, v_next = desired[: IIWA_7.joints], desired[IIWA_7.joints :]
+        """The next desired state (2 n,), and whether the command is a fault."""
+        n = len(q)
+        desired = np.empty(2 * n)
+        q_next, v_next = desired[:n], desired[n:]
         bounds = self._period, self.MAX_LEAD, self._speed
-        fault = drive_step_kernel(q, v, command, measured, bounds, q_next, v_next)
+        fault = drive_step_kernel(self._arm.chain, q, v, command, measured, bounds, q_next, v_next)
         return desired, fault

@@ -14,8 +14,11 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
+from feasigrasp.models.robot.arm import UPPER
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
+
+_CHAIN = IIWA_7.chain
 
 #: The identity. Source: definition.
 _IDENTITY = np.eye(4)
@@ -31,7 +34,7 @@ def damped_velocity_kernel(J, V, damping, A, y, qd):
     for i in range(6):
         for j in range(i + 1):
             dot = damping * damping if i == j else 0.0
-            for k in range(IIWA_7.joints):
+            for k in range(J.shape[1]):
                 dot += J[i, k] * J[j, k]
             for k in range(j):
                 dot -= A[i, k] * A[j, k]
@@ -46,7 +49,7 @@ def damped_velocity_kernel(J, V, damping, A, y, qd):
         for k in range(i + 1, 6):
             dot -= A[k, i] * y[k]
         y[i] = dot * A[i, i]
-    for k in range(IIWA_7.joints):
+    for k in range(J.shape[1]):
         dot = 0.0
         for i in range(6):
             dot += J[i, k] * y[i]
@@ -78,16 +81,16 @@ def damped_least_squares_kernel(X_WF, q, steps, damping, limit_margin=-np.inf):
     infinity, the default, leaves them free. Returns the last position error [m] and angle error
     [rad].
     """
-    X, J, A = np.empty((4, 4)), np.empty((6, IIWA_7.joints)), np.empty((6, 6))
-    error, y, dq = np.empty(6), np.empty(6), np.empty(IIWA_7.joints)
+    X, J, A = np.empty((4, 4)), np.empty((6, len(q))), np.empty((6, 6))
+    error, y, dq = np.empty(6), np.empty(6), np.empty(len(q))
     for _ in range(steps):
-        pose_jacobian_kernel(q, _IDENTITY, X, J)
+        pose_jacobian_kernel(_CHAIN, q, _IDENTITY, X, J)
         pose_error_kernel(X, X_WF, error)
         damped_velocity_kernel(J, error, damping, A, y, dq)
-        for i in range(IIWA_7.joints):
-            limit = IIWA_7.position_limits[i] - limit_margin
+        for i in range(len(q)):
+            limit = _CHAIN[i, UPPER] - limit_margin
             q[i] = min(max(q[i] + dq[i], -limit), limit)
-    pose_jacobian_kernel(q, _IDENTITY, X, J)
+    pose_jacobian_kernel(_CHAIN, q, _IDENTITY, X, J)
     return pose_error_kernel(X, X_WF, error)
 
 

@@ -1,10 +1,8 @@
 """Distances between the arm's capsules and to a table; self-collision test.
 
 The distance of two capsules is that of their segments minus both radii. The functions use the iiwa
-with its hand unless they are given another model. Of many configurations a block, its *lanes*, is
-tested in loops that vectorise over them. The loops share one flat array with constant offsets
-between its rows: that is what lets the compiler see that the rows do not overlap. The kernels that
-runs call are in `feasigrasp.models.robot.capsule_kernels`.
+with its hand unless they are given another model. The kernels that runs call are in
+`feasigrasp.models.robot.capsule_kernels`.
 """
 
 from __future__ import annotations
@@ -16,36 +14,28 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import dot
 from feasigrasp.models.robot.capsule_kernels import (
-    CENTRES,
-    COSINES,
-    LINKS,
-    ROWS,
-    centres_of,
     closest_parameters,
     collides_kernel,
     doubts_kernel,
     end_point,
     link_poses_kernel,
     place,
-    write_centres,
 )
 from feasigrasp.models.robot.capsules import CapsuleModel, capsule_model
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: The arm with its hand: the model that the functions use by default.
 IIWA_CAPSULES = capsule_model()
-#: Configurations in a block: its rows stay in the first-level cache. Source: numerical.
-LANES = 64
 
 
 @compiled
 def capsule_ends_kernel(q, model, ends):
     """Writes the capsules' end points (c, 2, 3) in the world."""
-    R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
-    link_poses_kernel(q, R, p)
+    n = len(model.balls)
+    R, p = np.empty((n, 3, 3)), np.empty((n, 3))
+    link_poses_kernel(model.chain, q, R, p)
     for c in range(len(model.link)):
         for e in range(2):
             x, y, z = place(R, p, model.link[c], end_point(model.ends, c, e))
@@ -68,58 +58,15 @@ def distances_kernel(q, model, distance):
 @compiled(forceinline=True)
 def in_collision_kernel(q, model, margin):
     """Whether any pair is closer than ``margin`` [m]."""
-    doubts = doubts_kernel(q, model.balls, model.groups, margin, 0.0, 0, 0)
+    doubts = doubts_kernel(model.chain, q, model.balls, model.groups, margin, 0.0, 0, 0)
     return doubts >= 2 and collides_kernel(q, model, margin)
-
-
-@compiled
-def _load(Q, first, rows, doubt):
-    """Writes sines and cosines of a block, and 0 (NaN for a bad configuration) to ``doubt``."""
-    for b in range(LANES):
-        q = Q[min(first + b, len(Q) - 1)]  # the last block is filled up
-        doubt[b] = 0.0 * (q[0] + q[1] + q[2] + q[3] + q[4] + q[5] + q[6])
-        for j in range(IIWA_7.joints):
-            rows[j * LANES + b] = q[j]
-    for i in range(IIWA_7.joints * LANES):
-        rows[i], rows[i + COSINES * LANES] = fast_sincos(rows[i])
-
-
-@compiled
-def _write_lanes(rows, balls):
-    centres = centres_of(balls)
-    for b in range(LANES):
-        write_centres(rows, LANES, b, centres)
-
-
-@compiled
-def _test_lanes(rows, model, margin, doubt):
-    """Adds to ``doubt`` how many pairs of links have balls that are closer than ``margin``."""
-    for g in range(len(model.groups)):
-        low, high = model.groups[g, 0], model.groups[g, 1]
-        reach = max(model.balls[low, 3] + model.balls[high, 3] + margin, 0.0)
-        i, j = (CENTRES + 3 * low) * LANES, (CENTRES + 3 * high) * LANES
-        a, b = rows[i : i + 3 * LANES], rows[j : j + 3 * LANES]
-        for k in range(LANES):
-            x, y = a[k] - b[k], a[k + LANES] - b[k + LANES]
-            z = a[k + 2 * LANES] - b[k + 2 * LANES]
-            doubt[k] += 0.0 if x * x + y * y + z * z >= reach * reach else 1.0
 
 
 @compiled(nogil=True)
 def in_collision_batch_kernel(Q, model, margin, hit):
     """Writes whether configurations (n, 7) have a pair closer than ``margin`` [m]; True for NaN."""
-    rows, doubt = np.empty(ROWS * LANES), np.empty(LANES)
-    for first in range(0, len(Q), LANES):
-        _load(Q, first, rows, doubt)
-        _write_lanes(rows, model.balls)
-        _test_lanes(rows, model, margin, doubt)
-        for b in range(min(LANES, len(Q) - first)):
-            if np.isnan(doubt[b]):
-                hit[first + b] = True
-            elif doubt[b] == 0.0:
-                hit[first + b] = False
-            else:
-                hit[first + b] = collides_kernel(Q[first + b], model, margin)
+    for k in range(len(Q)):
+        hit[k] = in_collision_kernel(Q[k], model, margin)
 
 
 @compiled(nogil=True)

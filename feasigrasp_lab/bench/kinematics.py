@@ -34,7 +34,7 @@ def pinocchio_kinematics() -> Callable[[Array], tuple[Array, Array]]:
     pin = import_module("pinocchio")
     model, joint = pin.Model(), 0
     *steps, last = (pin.SE3(np.eye(3), np.array([0.0, 0.0, z])) for z in IIWA_7.link_steps)
-    for name, step, axis in zip(IIWA_7.joint_names, steps, IIWA_7.joint_axes, strict=True):
+    for name, step, axis in zip(IIWA_7.joint_names, steps, IIWA_7.axes, strict=True):
         kind = pin.JointModelRZ() if axis[2] else pin.JointModelRevoluteUnaligned(axis)
         joint = model.addJoint(joint, kind, step, name)
     flange = model.addFrame(pin.Frame("flange", joint, 0, last, pin.FrameType.OP_FRAME))

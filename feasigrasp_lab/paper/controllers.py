@@ -21,6 +21,8 @@ from feasigrasp_lab.paper.joint_law import PaperJointControl, PaperJointOptions
 from feasigrasp_lab.paper.solutions import Solutions
 from feasigrasp_lab.paper.task_law import PaperTaskOptions, paper_task_space_velocity
 
+_CHAIN = IIWA_7.chain
+
 
 class Unenforced:
     """A controller whose law is its command: no limits, clearances, view, or reaction to contact.
@@ -50,10 +52,10 @@ class Unenforced:
 def _free_step_kernel(q, command, period, q_next, v_next):
     """As `drive_step_kernel`, with nothing bounded; a command that is not finite counts as zero."""
     finite = np.isfinite(command.sum())
-    for i in range(IIWA_7.joints):
+    for i in range(len(q)):
         v_next[i] = command[i] if finite else 0.0
         q_next[i] = q[i] + period * v_next[i]
-    return is_fault_kernel(command)
+    return is_fault_kernel(_CHAIN, command)
 
 
 class UnenforcedDrive(VelocityDrive):

@@ -32,10 +32,7 @@ BACKGROUND = 1e-5
 STEPS = np.array(IIWA_7.link_steps[:-1])
 #: Rows (a, b, c) of a target for each joint: it turns a towards b, about c. Source: layout.
 PLANES = np.array(
-    [
-        (0, 1, 2) if axis[2] > 0 else (2, 0, 1) if axis[1] > 0 else (0, 2, 1)
-        for axis in IIWA_7.joint_axes
-    ]
+    [(0, 1, 2) if axis[2] > 0 else (2, 0, 1) if axis[1] > 0 else (0, 2, 1) for axis in IIWA_7.axes]
 )
 #: Column of a target whose direction about the joint's axis is the zero of angles: the position,
 #: but for the last joint, on whose axis the position lies, its x-axis. Source: layout.

@@ -30,10 +30,13 @@ from feasigrasp.models.ik.self_motion import arm_angle_kernel
 from feasigrasp.models.objects.prediction import Motion, future_poses
 from feasigrasp.models.quantities import Count, NotNegative, Positive
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.arm import VELOCITY
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.paper.options import Law
 from feasigrasp_lab.paper.solutions import Solutions, SolutionSearch, place_kernel
 from feasigrasp_lab.paper.sources import Draw, closed_form_configurations, drawn_configurations
+
+_CHAIN, _N = IIWA_7.chain, IIWA_7.joints
 
 #: Time over which a velocity is taken [s]; its error is of the order of the squared angle that the
 #: object turns meanwhile. Source: numerical.
@@ -55,7 +58,7 @@ def _resampled(draw: Draw, n: int, X_WF: Array) -> tuple[Array, Indices]:
     """
     drawn = draw(X_WF, -(-n // len(X_WF)))
     # The first of every pose, then the second, up to the number that is wanted.
-    found = drawn.swapaxes(0, 1).reshape(-1, IIWA_7.joints)[:n]
+    found = drawn.swapaxes(0, 1).reshape(-1, _N)[:n]
     reached = np.isfinite(found).all(axis=1)
     return found[reached], (np.arange(len(found)) % len(X_WF))[reached]
 
@@ -71,8 +74,8 @@ def _still(q: Array, X_OG: Array, length_scale: float, time: float) -> Solutions
     """
     return Solutions(
         X_OG,
-        np.array([branch_kernel(one) for one in q], dtype=np.int64),
-        np.array([arm_angle_kernel(one) for one in q]),
+        np.array([branch_kernel(_CHAIN, one) for one in q], dtype=np.int64),
+        np.array([arm_angle_kernel(_CHAIN, one) for one in q]),
         np.zeros((len(q), 2)),
         np.array([length_scale, 0.0]),
         time,
@@ -133,11 +136,11 @@ def candidate_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, q, moved, qd):
         moved[2, j] = X_WF[2, j] + _INSTANT * (wx * y - wy * x)
     for i in range(3):
         moved[i, 3] += _INSTANT * V_WO[3 + i]
-    if not solve_kernel(moved, branch, psi, qd):
+    if not solve_kernel(_CHAIN, moved, branch, psi, qd):
         return False
-    for k in range(IIWA_7.joints):
+    for k in range(len(q)):
         qd[k] = (qd[k] - q[k]) / _INSTANT
-        if not abs(qd[k]) < 100.0 * IIWA_7.velocity_limits[k]:
+        if not abs(qd[k]) < 100.0 * _CHAIN[k, VELOCITY]:
             return False
     return True
 
@@ -145,7 +148,7 @@ def candidate_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, q, moved, qd):
 @compiled
 def feed_forward_kernel(X_WF, V_WO, p_WO, branch, arm_angle, index, weights, q, qd):
     """Writes the mean velocity (7,) of the solutions that count."""
-    moved, one = np.empty((4, 4)), np.empty(IIWA_7.joints)
+    moved, one = np.empty((4, 4)), np.empty(_N)
     moved[3] = 0.0
     moved[3, 3] = 1.0
     qd[:] = 0.0
@@ -155,7 +158,7 @@ def feed_forward_kernel(X_WF, V_WO, p_WO, branch, arm_angle, index, weights, q, 
             if candidate_velocity_kernel(
                 X_WF[k], V_WO, p_WO, branch[i], arm_angle[i], q[k], moved, one
             ):
-                for j in range(IIWA_7.joints):
+                for j in range(_N):
                     qd[j] += weights[k] * one[j]
 
 
@@ -163,13 +166,13 @@ def feed_forward_kernel(X_WF, V_WO, p_WO, branch, arm_angle, index, weights, q, 
 def _velocity_kernel(q, X_FG, X_WO, V_WO, X_OG, branch, arm_angle, cost, length_scale, law):
     """Joint velocity (7,) of the field over the solutions; zero without one in reach."""
     (as_printed, gain, feed_forward), n = law, len(branch)
-    qd, index = np.zeros(IIWA_7.joints), np.empty(n, dtype=np.int64)
-    X_WF, nodes = np.empty((n, 4, 4)), np.empty((n, IIWA_7.joints))
+    qd, index = np.zeros(_N), np.empty(n, dtype=np.int64)
+    X_WF, nodes = np.empty((n, 4, 4)), np.empty((n, _N))
     count = place_kernel(X_WO, X_OG, branch, arm_angle, inverse_kernel(X_FG), X_WF, nodes, index)
     if count == 0:
         return qd
     nodes, index = nodes[:count], index[:count]
-    gradient, forward = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
+    gradient, forward = np.empty(_N), np.empty(_N)
     lowest, beta = np.empty(count), np.empty(count)
     r, weights = np.empty((count, count)), np.empty(count)
     distances_kernel(nodes, r)
@@ -179,11 +182,11 @@ def _velocity_kernel(q, X_FG, X_WO, V_WO, X_OG, branch, arm_angle, cost, length_
         qd[:] = -gain * d * gradient
     else:
         slope = 0.0
-        for k in range(IIWA_7.joints):
+        for k in range(_N):
             slope += gradient[k] ** 2
         slope = np.sqrt(slope)
         if left > 0.0 and slope >= 1e-12:
-            for k in range(IIWA_7.joints):
+            for k in range(_N):
                 qd[k] = -(gain * left) * min(1.0, slope) * gradient[k] / slope
     if feed_forward:
         p_WO = X_WO[:3, 3].copy()
@@ -260,7 +263,7 @@ class PaperJointControl:
             V_WO: Object twist [angular; linear], shape (6,).
         """
         if len(solutions) == 0 or not np.isfinite(q.sum() + X_WO.sum() + V_WO.sum()):
-            return np.zeros(IIWA_7.joints)
+            return np.zeros(_N)
         options = self._options
         elapsed = min(max(time - solutions.time, 0.0), self._period)
         qd = _velocity_kernel(

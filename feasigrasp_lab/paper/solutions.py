@@ -27,6 +27,8 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.paper.sources import FindConfigurations, closed_form_configurations
 
+_CHAIN, _MARGIN = IIWA_7.chain, IIWA_7.position_margin
+
 #: A solution counts nothing if going there is longer than the best by this number of length scales.
 #: Source: numerical.
 IRRELEVANT = 12.0
@@ -120,8 +122,8 @@ def place_kernel(X_WO, X_OG, branch, arm_angle, X_GF, X_WF, q, index):
     count = 0
     for i in range(len(branch)):
         flange_pose_kernel(X_WO, X_OG[i], 0.0, X_GF, X_WF[count])
-        reached = solve_kernel(X_WF[count], branch[i], arm_angle[i], q[count])
-        if reached and inside_limits_kernel(q[count], IIWA_7.position_margin):
+        reached = solve_kernel(_CHAIN, X_WF[count], branch[i], arm_angle[i], q[count])
+        if reached and inside_limits_kernel(_CHAIN, q[count], _MARGIN):
             index[count] = i
             count += 1
     return count
@@ -231,8 +233,8 @@ class SolutionSearch:
         found = self.find(X_WF, q, known, PER_GRASP, self.reachability.search)
         grasp = np.repeat(looked_at, [len(one) for one in found])
         configurations = np.concatenate([*found, np.empty((0, IIWA_7.joints))])
-        psi = np.array([arm_angle_kernel(one) for one in configurations])
-        branch = np.array([branch_kernel(one) for one in configurations], dtype=np.int64)
+        psi = np.array([arm_angle_kernel(_CHAIN, one) for one in configurations])
+        branch = np.array([branch_kernel(_CHAIN, one) for one in configurations], dtype=np.int64)
         free, of_grasp = np.zeros((2, len(psi))), X_OG[grasp]
         return self._items(of_grasp, grasp, branch, psi, free[0], free[1], X_WO)
 

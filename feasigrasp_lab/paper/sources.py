@@ -77,7 +77,7 @@ def _random_configurations(draws: int) -> Array:
 def distance_kernel(a, b):
     """Euclidean distance of two configurations (7,) [rad]."""
     square = 0.0
-    for k in range(IIWA_7.joints):
+    for k in range(len(a)):
         square += (a[k] - b[k]) ** 2
     return np.sqrt(square)
 
@@ -90,7 +90,7 @@ def _select_kernel(candidates, q_now, known, search, found):
     """
     distances = np.full(len(candidates), np.inf)
     for i in range(len(candidates)):
-        if inside_limits_kernel(candidates[i], search.limit_margin):
+        if inside_limits_kernel(search.chain, candidates[i], search.limit_margin):
             distances[i] = distance_kernel(candidates[i], q_now)
     count = 0
     while count < len(found):
@@ -112,16 +112,16 @@ def _select_kernel(candidates, q_now, known, search, found):
 
 
 @compiled
-def _closed_form_kernel(X_WF, q_now, psis, q):
+def _closed_form_kernel(chain, X_WF, q_now, psis, q):
     """Writes all branches at k arm angles and at that of now (8 (k + 1), 7).
 
     False, and nothing written, if the wrist is out of reach.
     """
-    circle = self_motion_kernel(X_WF)
+    circle = self_motion_kernel(chain, X_WF)
     if not circle.reached:
         return False
     for j in range(len(psis) + 1):
-        s, c = fast_sincos(psis[j] if j < len(psis) else arm_angle_kernel(q_now))
+        s, c = fast_sincos(psis[j] if j < len(psis) else arm_angle_kernel(chain, q_now))
         for branch in range(8):
             configuration_kernel(circle, s, c, branch, q[8 * j + branch])
     return True
@@ -144,7 +144,7 @@ def closed_form_configurations(
     """
     q, found = np.empty((8 * (len(search.psis) + 1), IIWA_7.joints)), []
     for X, taken in zip(X_WF, known, strict=True):
-        reached = _closed_form_kernel(X, q_now, search.psis, q)
+        reached = _closed_form_kernel(search.chain, X, q_now, search.psis, q)
         found.append(_selected(q, q_now, taken, per_pose if reached else 0, search))
     return found
 

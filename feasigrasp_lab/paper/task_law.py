@@ -31,6 +31,8 @@ from feasigrasp_lab.mixtures.mixture import Parameters, evaluate_kernel, posteri
 from feasigrasp_lab.paper.grasp_mixture import LENGTH_PER_RADIAN, GraspMixture
 from feasigrasp_lab.paper.options import Law, Targets
 
+_CHAIN = IIWA_7.chain
+
 # Gradient ascent of a mixture's log density, with an added pull towards better points.
 #
 # The direction that is followed, ``u = -sum_i r_i Log_mu_i(x)``, vanishes where the pulls of
@@ -214,11 +216,11 @@ def least_norm_kernel(J: Array, V: Array, damping: float) -> Array:
     """
     # Least damping: no singular value is taken for smaller.
     square = max(damping, 1e-6) ** 2
-    L, y, qd = np.empty((6, 6)), np.empty(6), np.zeros(IIWA_7.joints)
+    L, y, qd = np.empty((6, 6)), np.empty(6), np.zeros(J.shape[1])
     for i in range(6):
         for j in range(i + 1):
             s = square if i == j else 0.0
-            for k in range(IIWA_7.joints):
+            for k in range(J.shape[1]):
                 s += J[i, k] * J[j, k]
             for k in range(j):
                 s -= L[i, k] * L[j, k]
@@ -235,15 +237,15 @@ def least_norm_kernel(J: Array, V: Array, damping: float) -> Array:
             s -= L[k, i] * y[k]
         y[i] = s / L[i, i]
     for i in range(6):
-        for k in range(IIWA_7.joints):
+        for k in range(J.shape[1]):
             qd[k] += J[i, k] * y[i]
     return qd
 
 
 @compiled
 def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gain, gradient, damping):
-    X_WH, J_WH, u_H = np.empty((4, 4)), np.empty((6, IIWA_7.joints)), np.empty(6)
-    pose_jacobian_kernel(q, X_FG, X_WH, J_WH)
+    X_WH, J_WH, u_H = np.empty((4, 4)), np.empty((6, len(q))), np.empty(6)
+    pose_jacobian_kernel(_CHAIN, q, X_FG, X_WH, J_WH)
     X_OH = compose_kernel(inverse_kernel(X_WO), X_WH)
     if gradient:
         gradient_kernel(X_OH, parameters, u_H)
@@ -251,7 +253,7 @@ def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gain, gradient, damping):
         ascent_kernel(X_OH, parameters, u_H)
     V_WH = hand_twist_kernel(gain * u_H, X_WH, X_WO, V_WO, np.inf, np.inf)
     qd = least_norm_kernel(J_WH, V_WH, damping)
-    return qd if np.isfinite(np.sum(qd)) else np.zeros(IIWA_7.joints)
+    return qd if np.isfinite(np.sum(qd)) else np.zeros(len(q))
 
 
 def paper_task_space_velocity(

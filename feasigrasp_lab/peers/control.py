@@ -26,8 +26,8 @@ class ArrayArm:
     def __init__(self, xp: ModuleType, X_FG: ArrayLike) -> None:
         """The arm whose flange carries the hand at ``X_FG``, shape (4, 4)."""
         self.xp = xp
-        axes = np.array([hat(axis) for axis in IIWA_7.joint_axes])
-        self._axis, self._hat = xp.asarray(np.array(IIWA_7.joint_axes)), xp.asarray(axes)
+        axes = np.array([hat(axis) for axis in IIWA_7.axes])
+        self._axis, self._hat = xp.asarray(np.array(IIWA_7.axes)), xp.asarray(axes)
         self._hat_squared, self._eye = xp.asarray(axes @ axes), xp.asarray(np.eye(3))
         self._rise = xp.asarray(np.outer(IIWA_7.link_steps, [0.0, 0.0, 1.0]))
         self._R_FG = xp.asarray(np.asarray(X_FG)[:3, :3].copy())

@@ -206,7 +206,7 @@ def roll_out(
         diagram = make_rollout(scenario, grasps, controller)
         simulator = Simulator(diagram)
         drive = diagram.GetSubsystemByName("drive")
-        state = np.concatenate([np.deg2rad(scenario.q_start), np.zeros(IIWA_7.joints)])
+        state = np.concatenate([scenario.start, np.zeros(IIWA_7.joints)])
         drive.GetMyMutableContextFromRoot(simulator.get_mutable_context()).SetDiscreteState(
             0, state
         )

@@ -251,7 +251,7 @@ def test_every_number_of_the_schema_has_a_span():
 def test_the_shipped_scenarios_and_defaults_lie_inside():
     for name in scenario_names(FILE):
         check_scenario(load_scenario(FILE, name))
-    q = (np.rad2deg(IIWA_7.driver.position) * [1, 1, 1, -1, 1, 1, 1]).tolist()  # clear of itself
+    q = (np.rad2deg(IIWA_7.driver.upper) * [1, 1, 1, -1, 1, 1, 1]).tolist()  # clear of itself
     assert load_scenario(FILE, "ReachLinearMocap", f"{{q_start: {q}}}").q_start == q
 
 

@@ -116,7 +116,7 @@ def test_the_desired_position_never_leaves_the_limits(sign):
     start = sign * 0.95 * IIWA_7.position_limits
     states = drive(np.full(7, sign * 10.0), 200, q=start)
     # Farther inside than where the driver of the real arm clamps.
-    assert np.all(np.abs(states[:, :7]) < IIWA_7.driver.position - np.deg2rad(0.5))
+    assert np.all(np.abs(states[:, :7]) < IIWA_7.driver.upper - np.deg2rad(0.5))
     margin = IIWA_7.position_margin
     np.testing.assert_allclose(states[-1, :7], sign * (IIWA_7.position_limits - margin))
     # The desired velocity is that of the desired positions, and comes to rest as it may.
@@ -129,8 +129,8 @@ def test_the_desired_position_never_leaves_the_limits(sign):
 def test_one_margin_keeps_drive_program_and_judge_off_the_limits():
     """Where the drive would stop the arm, the program in front of it has done so before."""
     margin = IIWA_7.position_margin
-    assert (IIWA_7.driver.position < IIWA_7.position_limits).all()
-    assert (IIWA_7.position_limits - margin < IIWA_7.driver.position - np.deg2rad(0.5)).all()
+    assert (IIWA_7.driver.upper < IIWA_7.position_limits).all()
+    assert (IIWA_7.position_limits - margin < IIWA_7.driver.upper - np.deg2rad(0.5)).all()
     assert SafetyOptions().position_margin >= margin
     assert Reachability().limit_margin >= SafetyOptions().position_margin
 

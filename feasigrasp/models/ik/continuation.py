@@ -1,31 +1,74 @@
-"""Continuation of a configuration along the object path at fixed branch and arm angle.
+"""Continuation of a configuration along the object path at fixed branch and redundancy.
 
-A configuration of the iiwa is its flange pose, its *branch* (the signs of joints 2, 4 and 6) and
-its *arm angle*. A grasp in the object frame with a branch is a *candidate*: at any pose of the
-object the closed form gives its configuration at an arm angle anew, exact, and it moves as smoothly
-as object and arm angle do.
+A configuration is its flange pose, its *branch* (which of the solutions of the closed form) and its
+*redundancy* (the arm angle psi of an S-R-S arm, the last joint of another with seven, nothing of
+one with six). A grasp in the object frame with a branch is a *candidate*: at any pose of the object
+the closed form gives its configuration at a redundancy anew, exact, and it moves as smoothly as
+object and redundancy do.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
 from feasigrasp.models.compiled import compiled
+from feasigrasp.models.ik.parallel_axes import parallel_axes_kernel
 from feasigrasp.models.ik.self_motion import (
+    arm_angle_kernel,
     configuration_kernel,
     inside_limits_kernel,
     self_motion_kernel,
 )
+from feasigrasp.models.ik.shoulder_wrist import shoulder_wrist_kernel
 from feasigrasp.models.numerics.fast_math import fast_sincos
-from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.arm import FAMILY, MARGIN, Family
+from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 #: Number of steps that shorten the way back from a grasp until no limit is in the way. Source:
 #: numerical.
 _BACKS = 4
 
 
+#: Families as kernels compare them. Source: layout.
+_SRS, _PARALLEL = float(Family.SRS), float(Family.PARALLEL)
+
+
 @compiled(forceinline=True)
-def branch_kernel(q):
-    """Branch ``4 elbow + 2 shoulder + wrist`` of a configuration (7,)."""
-    return 4 * (q[3] < 0.0) + 2 * (q[1] < 0.0) + 1 * (q[5] < 0.0)
+def is_srs(chain):
+    """Whether an arm is S-R-S."""
+    return chain[len(chain) - 1, FAMILY] == _SRS
+
+
+@compiled
+def other_kernel(chain, X_WF, branch, redundancy, q):
+    """`solve_kernel` of an arm that is not S-R-S."""
+    if chain[len(chain) - 1, FAMILY] == _PARALLEL:
+        return parallel_axes_kernel(chain, X_WF, branch, q)
+    return shoulder_wrist_kernel(chain, X_WF, branch, redundancy, q)
+
+
+@compiled
+def redundancy_kernel(chain, q):
+    """The redundancy of a configuration (n,) [rad]."""
+    if is_srs(chain):
+        return arm_angle_kernel(chain, q)
+    return q[6] if len(q) > 6 else 0.0
+
+
+@compiled
+def branch_kernel(chain, q):
+    """Branch of a configuration (n,): that with which `solve_kernel` gives it back."""
+    if is_srs(chain):
+        return 4 * (q[3] < 0.0) + 2 * (q[1] < 0.0) + 1 * (q[5] < 0.0)
+    X_WF, solution, best, nearest = np.empty((4, 4)), np.empty(len(q)), 0, np.inf
+    pose_jacobian_kernel(chain, q, np.eye(4), X_WF, None)
+    for branch in range(8):
+        solution[:] = q
+        if other_kernel(chain, X_WF, branch, redundancy_kernel(chain, q), solution):
+            apart = np.max(np.abs(solution - q))
+            if apart < nearest:
+                best, nearest = branch, apart
+    return best
 
 
 @compiled(forceinline=True)
@@ -54,9 +97,14 @@ def flange_pose_kernel(X_WO, X_OG, standoff, X_GF, X_WF):
 
 
 @compiled(forceinline=True)
-def solve_kernel(X_WF, branch, psi, q):
-    """Writes the configuration (7,); False if the wrist is out of reach."""
-    circle = self_motion_kernel(X_WF)
+def solve_kernel(chain, X_WF, branch, psi, q):
+    """Writes the configuration (n,); False if there is none.
+
+    Of angles that differ by whole turns it is that next to what ``q`` held, unless S-R-S.
+    """
+    if not is_srs(chain):
+        return other_kernel(chain, X_WF, branch, psi, q)
+    circle = self_motion_kernel(chain, X_WF)
     if not circle.reached:
         return False
     s, c = fast_sincos(psi)
@@ -65,8 +113,8 @@ def solve_kernel(X_WF, branch, psi, q):
 
 
 @compiled
-def stand_behind_kernel(X_OG, standoff, X_WO, X_GF, branch, psi, X_WF, q):
-    """Writes flange pose (4, 4) and configuration (7,) of a hand behind a grasp.
+def stand_behind_kernel(chain, X_OG, standoff, X_WO, X_GF, branch, psi, X_WF, q):
+    """Writes flange pose (4, 4) and configuration (n,) of a hand behind a grasp.
 
     It stands back by the standoff [m], or by less where a joint limit does not allow more. Returns
     how far it is back, and whether it is in reach.
@@ -75,7 +123,7 @@ def stand_behind_kernel(X_OG, standoff, X_WO, X_GF, branch, psi, X_WF, q):
     for step in range(_BACKS + 1):
         back = standoff * (1.0 - step / _BACKS)
         flange_pose_kernel(X_WO, X_OG, back, X_GF, X_WF)
-        reached = solve_kernel(X_WF, branch, psi, q)
-        if reached and inside_limits_kernel(q, IIWA_7.position_margin):
+        reached = solve_kernel(chain, X_WF, branch, psi, q)
+        if reached and inside_limits_kernel(chain, q, chain[0, MARGIN]):
             break
     return back, reached

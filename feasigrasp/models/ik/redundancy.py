@@ -19,7 +19,7 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_atan2, fast_sincos
-from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.arm import UPPER, VELOCITY
 
 # Joint angles and travel times of one flange pose at a batch of arm angles.
 #
@@ -104,17 +104,14 @@ def _joint_time(angle, near, limit, speed):
 
 
 @compiled
-def _triple_times(angle, q, first, margin, plus, minus):
+def _triple_times(chain, angle, q, first, margin, plus, minus):
     """Writes the times of three joints from ``first`` on, for both signs of the middle one."""
     m = len(plus)
     n1, n2, n3 = q[first], q[first + 1], q[first + 2]
-    l1, l2 = IIWA_7.position_limits[first] - margin, IIWA_7.position_limits[first + 1] - margin
-    l3 = IIWA_7.position_limits[first + 2] - margin
-    v1, v2, v3 = (
-        IIWA_7.velocity_limits[first],
-        IIWA_7.velocity_limits[first + 1],
-        IIWA_7.velocity_limits[first + 2],
-    )
+    l1, l2 = chain[first, UPPER] - margin, chain[first + 1, UPPER] - margin
+    l3 = chain[first + 2, UPPER] - margin
+    v1, v2 = chain[first, VELOCITY], chain[first + 1, VELOCITY]
+    v3 = chain[first + 2, VELOCITY]
     for k in range(m):
         a, b, c = angle[k], angle[m + k], angle[2 * m + k]
         time = max(_joint_time(a, n1, l1, v1), _joint_time(b, n2, l2, v2))
@@ -126,7 +123,7 @@ def _triple_times(angle, q, first, margin, plus, minus):
 
 
 @compiled
-def travel_times_kernel(circle, q, margin, samples):
+def travel_times_kernel(chain, circle, q, margin, samples):
     """Writes the travel time from ``q`` of every sample and branch into ``samples.time``.
 
     Branches that are not ``margin`` [rad] inside the limits get infinity. Next to a singularity
@@ -138,12 +135,12 @@ def travel_times_kernel(circle, q, margin, samples):
     _arctangents(y, x, angle)
     # Rows of y and x are used up: they hold the shoulder's and the wrist's times.
     shoulder, wrist = (y[:m], y[m : 2 * m]), (y[2 * m : 3 * m], y[3 * m : 4 * m])
-    _triple_times(angle[: 3 * m], q, 0, margin, shoulder[0], shoulder[1])
-    _triple_times(angle[3 * m :], q, 4, margin, wrist[0], wrist[1])
-    limit = IIWA_7.position_limits[3] - margin
+    _triple_times(chain, angle[: 3 * m], q, 0, margin, shoulder[0], shoulder[1])
+    _triple_times(chain, angle[3 * m :], q, 4, margin, wrist[0], wrist[1])
+    limit = chain[3, UPPER] - margin
     bent = np.inf if circle.q4 > limit else 0.0
-    elbow_plus = bent + abs(circle.q4 - q[3]) / IIWA_7.velocity_limits[3]
-    elbow_minus = bent + abs(-circle.q4 - q[3]) / IIWA_7.velocity_limits[3]
+    elbow_plus = bent + abs(circle.q4 - q[3]) / chain[3, VELOCITY]
+    elbow_minus = bent + abs(-circle.q4 - q[3]) / chain[3, VELOCITY]
     _branch_times(shoulder[0], shoulder[1], wrist[0], wrist[1], elbow_plus, elbow_minus, time)
 
 
@@ -194,11 +191,11 @@ class Segments(NamedTuple):
 
 
 @compiled
-def make_segments(margin):
+def make_segments(chain, margin):
     """Scratch memory for the segments of one pose, ``margin`` [rad] inside the joint limits."""
     # Zeros that a joint's limits can have, at most, over the arm angle. Source: numerical.
     max_zeros = 20
-    limit = np.minimum(IIWA_7.position_limits - margin, np.pi)
+    limit = np.minimum(chain[:7, UPPER] - margin, np.pi)
     start, branches = np.empty(max_zeros + 1), np.empty(max_zeros + 1, dtype=np.int64)
     return Segments(limit, np.sin(limit), np.cos(limit), np.empty((10, 3)), start, branches)
 

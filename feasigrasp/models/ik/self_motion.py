@@ -27,9 +27,9 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.quantities import ANY_POSES, ArrayOf
+from feasigrasp.models.robot.arm import GEOMETRY, LOWER, UPPER, VELOCITY, Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-_BASE_SHOULDER, _SHOULDER_ELBOW, _ELBOW_WRIST, _WRIST_FLANGE = IIWA_7.lengths
 #: Largest deviation of a pose's rotation matrix from a rotation, summed. Source: numerical.
 ROTATION_TOLERANCE = 1e-4
 
@@ -66,20 +66,32 @@ class SelfMotion(NamedTuple):
 
 
 _NO_CIRCLE = SelfMotion(False, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, (0.0,) * 9)
+#: Of an arm that is not S-R-S.
+REACHED = _NO_CIRCLE._replace(reached=True)
+
+
+@compiled(forceinline=True)
+def _lengths(chain):
+    """`Arm.lengths`."""
+    n = len(chain) - 1
+    return (
+        *(chain[n, GEOMETRY], chain[n, GEOMETRY + 1]),
+        *(chain[n, GEOMETRY + 2], chain[n, GEOMETRY + 3]),
+    )
 
 
 @compiled
-def self_motion_kernel(X_WF):
+def self_motion_kernel(chain, X_WF):
     """The `SelfMotion` of a flange pose (4, 4); not ``reached`` if it is too far, or no pose."""
     # So much farther than the stretched arm [m] the wrist may be: rounding of a pose on the edge.
     reach_tolerance = 1e-12
     r00, r01, r02 = X_WF[0, 0], X_WF[0, 1], X_WF[0, 2]
     r10, r11, r12 = X_WF[1, 0], X_WF[1, 1], X_WF[1, 2]
     r20, r21, r22 = X_WF[2, 0], X_WF[2, 1], X_WF[2, 2]
-    x = X_WF[0, 3] - _WRIST_FLANGE * r02
-    y = X_WF[1, 3] - _WRIST_FLANGE * r12
-    z = X_WF[2, 3] - _WRIST_FLANGE * r22 - _BASE_SHOULDER
-    upper, lower = _SHOULDER_ELBOW, _ELBOW_WRIST
+    shoulder, upper, lower, flange = _lengths(chain)
+    x = X_WF[0, 3] - flange * r02
+    y = X_WF[1, 3] - flange * r12
+    z = X_WF[2, 3] - flange * r22 - shoulder
     length = np.sqrt(x * x + y * y + z * z)
     far, near = upper + lower - length, length - abs(upper - lower)
     # The columns: two unit vectors at right angles, and their cross product. False for NaN.
@@ -172,9 +184,9 @@ def configuration_kernel(circle, s_psi, c_psi, branch, q):
 
 
 @compiled
-def closed_form_kernel(X_WF, psi, out):
+def closed_form_kernel(chain, X_WF, psi, out):
     """Writes eight configurations (8, 7) for a flange pose and an arm angle; 8, or 0 if none."""
-    circle = self_motion_kernel(X_WF)
+    circle = self_motion_kernel(chain, X_WF)
     if not circle.reached or not np.isfinite(psi):
         return 0
     s, c = np.sin(psi), np.cos(psi)
@@ -184,15 +196,16 @@ def closed_form_kernel(X_WF, psi, out):
 
 
 @compiled
-def arm_angle_kernel(q):
+def arm_angle_kernel(chain, q):
     """Arm angle of a configuration [rad]."""
+    _, upper, lower, _ = _lengths(chain)
     s1, c1, s2, c2 = np.sin(q[0]), np.cos(q[0]), np.sin(q[1]), np.cos(q[1])
     s3, c3, s4, c4 = np.sin(q[2]), np.cos(q[2]), np.sin(q[3]), np.cos(q[3])
     # Upper arm R_03 e_z, forearm R_04 e_z, and the elbow's axis R_03 e_y.
     vx, vy = c1 * c2 * c3 - s1 * s3, s1 * c2 * c3 + c1 * s3
-    x = _SHOULDER_ELBOW * c1 * s2 + _ELBOW_WRIST * (c4 * c1 * s2 - s4 * vx)
-    y = _SHOULDER_ELBOW * s1 * s2 + _ELBOW_WRIST * (c4 * s1 * s2 - s4 * vy)
-    z = _SHOULDER_ELBOW * c2 + _ELBOW_WRIST * (c4 * c2 + s4 * s2 * c3)
+    x = upper * c1 * s2 + lower * (c4 * c1 * s2 - s4 * vx)
+    y = upper * s1 * s2 + lower * (c4 * s1 * s2 - s4 * vy)
+    z = upper * c2 + lower * (c4 * c2 + s4 * s2 * c3)
     ex, ey, ez = -c1 * c2 * s3 - s1 * c3, c1 * c3 - s1 * c2 * s3, s2 * s3
     # U^T R_03 = Rz(psi) Ry(+-beta): its y-axis is (-sin psi, cos psi, 0).
     rho = np.sqrt(x * x + y * y)
@@ -212,20 +225,20 @@ _ANGLES = ArrayOf(("...",), "rad", finite=False)
 
 
 @compiled
-def inside_limits_kernel(q, margin):
+def inside_limits_kernel(chain, q, margin):
     """Whether every joint stays ``margin`` [rad] away from its limits."""
-    for i in range(IIWA_7.joints):  # noqa: SIM110 - numba compiles the loop, not all()
-        if not abs(q[i]) <= IIWA_7.position_limits[i] - margin:
+    for i in range(len(q)):  # noqa: SIM110 - numba compiles the loop, not all()
+        if not chain[i, LOWER] + margin <= q[i] <= chain[i, UPPER] - margin:
             return False
     return True
 
 
 @compiled
-def travel_time_kernel(q_a, q_b):
+def travel_time_kernel(chain, q_a, q_b):
     """max_j |dq_j| / v_j: the least time from one configuration to the other [s]."""
     worst = 0.0
-    for i in range(IIWA_7.joints):
-        worst = max(worst, abs(q_a[i] - q_b[i]) / IIWA_7.velocity_limits[i])
+    for i in range(len(q_a)):
+        worst = max(worst, abs(q_a[i] - q_b[i]) / chain[i, VELOCITY])
     return worst
 
 
@@ -251,19 +264,24 @@ def next_nearest_kernel(circle, samples, q):
 
 
 @compiled
-def _closed_form_batch(X_WF, psi, out):
+def _closed_form_batch(chain, X_WF, psi, out):
     for k in range(len(X_WF)):
-        if closed_form_kernel(X_WF[k], psi[k], out[k]) == 0:
+        if closed_form_kernel(chain, X_WF[k], psi[k], out[k]) == 0:
             out[k] = np.nan
 
 
 @checked()
-def closed_form(X_WF: Annotated[ArrayLike, ANY_POSES], psi: Annotated[ArrayLike, _ANGLES]) -> Array:
+def closed_form(
+    X_WF: Annotated[ArrayLike, ANY_POSES],
+    psi: Annotated[ArrayLike, _ANGLES],
+    arm: Arm = IIWA_7,
+) -> Array:
     """All configurations that reach flange poses with given arm angles, limits not considered.
 
     Args:
         X_WF: Flange poses in the base frame, shape (..., 4, 4) [m].
         psi: Arm angles [rad], one for all poses or of shape (...).
+        arm: An S-R-S arm.
 
     Returns:
         Shape (..., 8, 7) [rad]; NaN where the wrist centre is out of reach, or where ``X_WF`` or
@@ -279,13 +297,13 @@ def closed_form(X_WF: Annotated[ArrayLike, ANY_POSES], psi: Annotated[ArrayLike,
     if psi.shape not in ((), lead):
         raise ArgumentError(f"closed_form: psi has shape {psi.shape}, X_WF {lead}; give as many")
     angles = np.array(np.broadcast_to(psi, lead))
-    out = np.empty((*lead, 8, IIWA_7.joints))
+    out = np.empty((*lead, 8, arm.joints))
     _closed_form_batch(
-        poses.reshape(-1, 4, 4), angles.reshape(-1), out.reshape(-1, 8, IIWA_7.joints)
+        arm.chain, poses.reshape(-1, 4, 4), angles.reshape(-1), out.reshape(-1, 8, arm.joints)
     )
     return out
 
 
-def arm_angle(q: ArrayLike) -> float:
+def arm_angle(q: ArrayLike, arm: Arm = IIWA_7) -> float:
     """Arm angle of a configuration [rad]: with it, `closed_form` of its flange pose contains it."""
-    return float(arm_angle_kernel(IIWA_7.positions(q, 1)))
+    return float(arm_angle_kernel(arm.chain, arm.positions(q, 1)))

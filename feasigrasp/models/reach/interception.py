@@ -30,15 +30,10 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.continuation import (
     branch_kernel,
     flange_pose_kernel,
+    redundancy_kernel,
     solve_kernel,
 )
-from feasigrasp.models.ik.redundancy import travel_times_kernel
-from feasigrasp.models.ik.self_motion import (
-    arm_angle_kernel,
-    inside_limits_kernel,
-    next_nearest_kernel,
-    self_motion_kernel,
-)
+from feasigrasp.models.ik.self_motion import inside_limits_kernel
 from feasigrasp.models.objects.predicted_poses import PredictionModel, predicted_poses
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import (
@@ -60,10 +55,12 @@ from feasigrasp.models.reach.kernels import (
     Search,
     hand_verdict_kernel,
     make_scratch,
+    next_kernel,
+    start_kernel,
 )
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.arm import ACCELERATION, VELOCITY
 from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
-from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: An arm that is late by less than this is in time: the errors of an arm that follows [s]. Source:
 #: guessed.
@@ -232,8 +229,8 @@ def find_interceptions(
     found = Interceptions(
         np.full(n, np.inf),
         np.full(n, np.inf),
-        np.zeros((n, IIWA_7.joints)),
-        np.zeros((n, IIWA_7.joints)),
+        np.zeros((n, reachability.arm.joints)),
+        np.zeros((n, reachability.arm.joints)),
         np.full(n, -1),
         np.zeros(n),
     )
@@ -285,7 +282,7 @@ def least_time_kernel(way, v_0, v_1, speed, acceleration):
 
 @compiled
 def _is_admissible(q, search):
-    return inside_limits_kernel(q, search.limit_margin) and is_clear_kernel(
+    return inside_limits_kernel(search.chain, q, search.limit_margin) and is_clear_kernel(
         q, search.open, search.clearance, search.floor
     )
 
@@ -296,17 +293,22 @@ def _follow_kernel(ahead, k, X_OG, q, branch, psi, v):
 
     Returns the number of steps, and the largest share of the acceleration limits.
     """
-    o, X_WF, before, after = ahead.options[0], np.empty((4, 4)), q.copy(), np.empty(IIWA_7.joints)
-    v_before, hardest, end = np.zeros(IIWA_7.joints), 0.0, k + int(o.enough / o.step)
+    o, X_WF, before, after = ahead.options[0], np.empty((4, 4)), q.copy(), q.copy()
+    chain, v_before, hardest, end = (
+        ahead.search.chain,
+        np.zeros(len(q)),
+        0.0,
+        k + int(o.enough / o.step),
+    )
     for m in range(k + 1, len(ahead.X_WO)):
         flange_pose_kernel(ahead.X_WO[m], X_OG, 0.0, ahead.X_GF, X_WF)
-        if not solve_kernel(X_WF, branch, psi, after):
+        if not solve_kernel(chain, X_WF, branch, psi, after):
             return m - k - 1, hardest
-        for j in range(IIWA_7.joints):
+        for j in range(len(q)):
             speed = (after[j] - before[j]) / o.step
-            share = abs(speed - v_before[j]) / (o.step * IIWA_7.acceleration_limits[j])
+            share = abs(speed - v_before[j]) / (o.step * chain[j, ACCELERATION])
             too_hard = m > k + 1 and share > o.harder * o.acceleration
-            if too_hard or abs(speed) > o.faster * o.velocity * IIWA_7.velocity_limits[j]:
+            if too_hard or abs(speed) > o.faster * o.velocity * chain[j, VELOCITY]:
                 return m - k - 1, hardest
             if k + 1 < m <= end:
                 hardest = max(hardest, share)
@@ -326,7 +328,7 @@ def _cost_kernel(ahead, k, X_OG, there, branch, psi, v_there):
     It is infinite if the arm is not there in time, collides there, or cannot stand back; at the
     last instant it may be late.
     """
-    o = ahead.options[0]
+    o, chain = ahead.options[0], ahead.search.chain
     due = ahead.start + o.step * k
     late = 0.0
     if not _is_admissible(there, ahead.search):
@@ -334,22 +336,19 @@ def _cost_kernel(ahead, k, X_OG, there, branch, psi, v_there):
     steps, hardest = _follow_kernel(ahead, k, X_OG, there, branch, psi, v_there)
     if steps == 0:
         return np.inf, np.inf
-    for j in range(IIWA_7.joints):
+    for j in range(len(there)):
         least = least_time_kernel(
             *(there[j] - ahead.q[j], ahead.v[j], v_there[j]),
-            *(
-                o.velocity * IIWA_7.velocity_limits[j],
-                o.acceleration * IIWA_7.acceleration_limits[j],
-            ),
+            *(o.velocity * chain[j, VELOCITY], o.acceleration * chain[j, ACCELERATION]),
         )
         late = max(late, least - due)
     if late > _IN_TIME and k < int(o.latest):
         return np.inf, np.inf
-    X_WF, behind = np.empty((4, 4)), np.empty(IIWA_7.joints)
+    X_WF, behind = np.empty((4, 4)), there.copy()
     flange_pose_kernel(ahead.X_WO[k], X_OG, o.way_in, ahead.X_GF, X_WF)
-    if not solve_kernel(X_WF, branch, psi, behind):
+    if not solve_kernel(chain, X_WF, branch, psi, behind):
         return np.inf, np.inf
-    if not inside_limits_kernel(behind, ahead.search.limit_margin):
+    if not inside_limits_kernel(chain, behind, ahead.search.limit_margin):
         return np.inf, np.inf
     lack = max(0.0, o.enough - o.step * steps)
     arrival = due + late if late > _IN_TIME else due
@@ -359,10 +358,10 @@ def _cost_kernel(ahead, k, X_OG, there, branch, psi, v_there):
 @compiled
 def _interceptions_kernel(ahead, X_OG, present_branch, present_psi, found):
     """Writes the fields of `Interceptions` of all grasps; a branch below 0 binds none of them."""
-    o, q, search = ahead.options[0], ahead.q, ahead.search
+    o, q, search, chain = ahead.options[0], ahead.q, ahead.search, ahead.search.chain
     cost, arrival, q_there, v_there, branches, psis = found
     scratch, X_WF = make_scratch(search, q), np.empty((4, 4))
-    there, velocity = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
+    there, velocity = q.copy(), np.empty(len(q))
     for i in range(len(X_OG)):
         bound = present_branch >= 0 and i == len(X_OG) - 1
         for k in range(int(o.latest) + 1):
@@ -370,23 +369,25 @@ def _interceptions_kernel(ahead, X_OG, present_branch, present_psi, found):
             if due >= cost[i]:
                 break
             flange_pose_kernel(ahead.X_WO[k], X_OG[i], 0.0, ahead.X_GF, X_WF)
-            circle = self_motion_kernel(X_WF)
-            if not circle.reached:
-                continue
             if hand_verdict_kernel(X_WF, search, scratch.ends) != REACHABLE:
                 continue
-            if not bound:
-                travel_times_kernel(circle, q, search.limit_margin, scratch.samples)
+            if bound:
+                there[:] = q
+                if not solve_kernel(chain, X_WF, present_branch, present_psi, there):
+                    continue
+            else:
+                circle = start_kernel(X_WF, q, search, scratch)
+                if not circle.reached:
+                    continue
             for _ in range(1 if bound else int(o.tries)):
                 if bound:
                     branch, psi = present_branch, present_psi
-                    solve_kernel(X_WF, branch, psi, there)
                 else:
-                    time = next_nearest_kernel(circle, scratch.samples, scratch.q)
+                    time = next_kernel(circle, search, scratch)
                     if time > due + _IN_TIME and (time == np.inf or k < int(o.latest)):
                         break
                     there[:] = scratch.q
-                    branch, psi = branch_kernel(there), arm_angle_kernel(there)
+                    branch, psi = branch_kernel(chain, there), redundancy_kernel(chain, there)
                 one, then = _cost_kernel(ahead, k, X_OG[i], there, branch, psi, velocity)
                 if one < cost[i]:
                     cost[i], arrival[i], branches[i], psis[i] = one, then, branch, psi

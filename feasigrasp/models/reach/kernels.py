@@ -10,6 +10,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.compiled import compiled
+from feasigrasp.models.ik.continuation import is_srs, other_kernel, redundancy_kernel
 from feasigrasp.models.ik.redundancy import (
     RedundancySamples,
     Segments,
@@ -19,6 +20,7 @@ from feasigrasp.models.ik.redundancy import (
     travel_times_kernel,
 )
 from feasigrasp.models.ik.self_motion import (
+    REACHED,
     arm_angle_kernel,
     configuration_kernel,
     inside_limits_kernel,
@@ -28,23 +30,21 @@ from feasigrasp.models.ik.self_motion import (
 )
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import dot, minus, step
+from feasigrasp.models.robot.arm import LOWER, UPPER
 from feasigrasp.models.robot.capsule_kernels import closest_parameters, end_point, is_clear_kernel
 from feasigrasp.models.robot.capsules import CapsuleModel
-from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: What `verdict_kernel` returns: places in `feasigrasp.models.reach.reachability.VERDICTS`. Source:
 #: layout.
 REACHABLE, WRIST, LIMITS, SELF_COLLISION, TABLE = 0, 1, 2, 3, 4
-
-#: Distance from joint 7 to the flange [m]. Source: data sheet: KUKA LBR iiwa 7 R800.
-_LINK_7_TO_FLANGE = IIWA_7.link_steps[-1]
 
 
 class Search(NamedTuple):
     """Data of arm, hand and table for the search kernels.
 
     Attributes:
-        psis: Arm angles at which the nearest configuration is looked for, shape (n,) [rad].
+        chain: That of the `Arm`.
+        psis: Redundancies at which the nearest configuration is looked for, shape (n,) [rad].
         spacing: Largest step between the arm angles that are tried inside an interval [rad].
         limit_margin: Distance kept from the joint limits [rad].
         clearance: Distance kept between bodies [m].
@@ -53,11 +53,14 @@ class Search(NamedTuple):
         capsules: Arm and hand, with all pairs and movers to check.
         open: The same, with the pairs and movers that the flange pose alone does not decide.
         hand: Capsules that move with the flange, shape (h,).
+        on_flange: Ends of the capsules in the flange frame, shape (c, 2, 3) [m]; only those of the
+            hand mean anything.
         fixed: Ends of the capsules in the base frame, shape (c, 2, 3) [m]; only those of the base,
             and of link 1 on the axis of joint 1, mean anything.
         fixed_pairs: Pairs of such a capsule and one of the hand, shape (p, 2).
     """
 
+    chain: Array
     psis: Array
     spacing: float
     limit_margin: float
@@ -67,6 +70,7 @@ class Search(NamedTuple):
     capsules: CapsuleModel
     open: CapsuleModel
     hand: Indices
+    on_flange: Array
     fixed: Array
     fixed_pairs: Indices
 
@@ -75,14 +79,18 @@ class Scratch(NamedTuple):
     """Scratch memory of a search, made once for many poses.
 
     Attributes:
-        samples: Arm angles to choose the nearest configuration from.
-        segments: The exact intervals of arm angle.
+        samples: Arm angles to choose the nearest configuration from, of an S-R-S arm.
+        segments: The exact intervals of arm angle, likewise.
+        found: Of another arm, the solutions of a pose for each redundancy and branch, shape (m, n).
+        time: When the arm is there, infinite where it must not be, shape (m,) [s].
         q: The configuration that is being tried, shape (7,).
         ends: Ends of the hand's capsules in the base frame, shape (c, 2, 3).
     """
 
     samples: RedundancySamples
     segments: Segments
+    found: Array
+    time: Array
     q: Array
     ends: Array
 
@@ -93,10 +101,15 @@ def make_scratch(search, q_near):
 
     So the nearest solution moves smoothly with the pose.
     """
+    srs, n, m = is_srs(search.chain), len(q_near), 8 * (len(search.psis) + 1)
     return Scratch(
-        redundancy_samples_kernel(search.psis, arm_angle_kernel(q_near)),
-        make_segments(search.limit_margin),
-        np.empty(IIWA_7.joints),
+        redundancy_samples_kernel(
+            search.psis, arm_angle_kernel(search.chain, q_near) if srs else np.nan
+        ),
+        make_segments(search.chain, search.limit_margin),
+        np.empty((0 if srs else m, n)),
+        np.empty(0 if srs else m),
+        np.empty(len(q_near)),
         np.empty(search.fixed.shape),
     )
 
@@ -107,12 +120,12 @@ def hand_verdict_kernel(X_WF, search, ends):
 
     Writes the ends of the hand's capsules into ``ends``.
     """
-    local, radius, reach = search.capsules.ends, search.capsules.radius, search.capsules.reach
+    local, radius, reach = search.on_flange, search.capsules.radius, search.capsules.reach
     hand, fixed, pairs, clearance = search.hand, search.fixed, search.fixed_pairs, search.clearance
     for k in range(len(hand)):
         c = hand[k]
         for e in range(2):
-            x, y, z = local[c, e, 0], local[c, e, 1], local[c, e, 2] - _LINK_7_TO_FLANGE
+            x, y, z = local[c, e, 0], local[c, e, 1], local[c, e, 2]
             for i in range(3):
                 ends[c, e, i] = X_WF[i, 0] * x + X_WF[i, 1] * y + X_WF[i, 2] * z + X_WF[i, 3]
         if min(ends[c, 0, 2], ends[c, 1, 2]) - radius[c] < search.floor:
@@ -132,7 +145,7 @@ def hand_verdict_kernel(X_WF, search, ends):
 
 @compiled(forceinline=True)
 def _is_admissible(q, model, search, floor):
-    return inside_limits_kernel(q, search.limit_margin) and is_clear_kernel(
+    return inside_limits_kernel(search.chain, q, search.limit_margin) and is_clear_kernel(
         q, model, search.clearance, floor
     )
 
@@ -182,7 +195,7 @@ def _all_candidates(circle, search, scratch):
     most = 0
     for k in range(count):
         most += 8 * _parts(segments, k, search.spacing)[0]
-    candidates = np.empty((most, IIWA_7.joints))
+    candidates = np.empty((most, len(scratch.q)))
     n = 0
     for k in range(count):
         parts, size = _parts(segments, k, search.spacing)
@@ -196,19 +209,86 @@ def _all_candidates(circle, search, scratch):
 
 
 @compiled
+def _solve_all(X_WF, q_near, search, scratch):
+    """Writes the solutions (m, n) of a pose, and their travel times from ``q_near``."""
+    chain, psis = search.chain, search.psis
+    for k in range(len(scratch.found)):
+        q, j = scratch.found[k], k // 8
+        r = psis[j] if j < len(psis) else redundancy_kernel(chain, q_near)
+        q[:] = q_near
+        reached = other_kernel(chain, X_WF, k % 8, r, q)
+        inside = reached and inside_limits_kernel(chain, q, search.limit_margin)
+        scratch.time[k] = travel_time_kernel(chain, q, q_near) if inside else np.inf
+
+
+@compiled
+def _first_solution(X_WF, search, scratch):
+    """As `_first_in_segments`, of an arm that is not S-R-S, among its samples of redundancy."""
+    verdict, q = WRIST, scratch.q
+    for j in range(len(search.psis)):
+        for branch in range(8):
+            for i in range(len(q)):
+                q[i] = 0.5 * (search.chain[i, LOWER] + search.chain[i, UPPER])
+            if not other_kernel(search.chain, X_WF, branch, search.psis[j], q):
+                continue
+            if not inside_limits_kernel(search.chain, q, search.limit_margin):
+                verdict = LIMITS if verdict == WRIST else verdict
+                continue
+            if _is_admissible(q, search.open, search, search.floor):
+                return REACHABLE
+            if verdict != TABLE:
+                without_table = _is_admissible(q, search.open, search, -np.inf)
+                verdict = TABLE if without_table else SELF_COLLISION
+    return verdict
+
+
+@compiled
+def start_kernel(X_WF, q_near, search, scratch):
+    """The `SelfMotion` of a pose, and all travel times from ``q_near``, for `next_kernel`.
+
+    Of an arm that is not S-R-S only whether it is reached.
+    """
+    if is_srs(search.chain):
+        circle = self_motion_kernel(search.chain, X_WF)
+        if circle.reached:
+            travel_times_kernel(search.chain, circle, q_near, search.limit_margin, scratch.samples)
+        return circle
+    _solve_all(X_WF, q_near, search, scratch)
+    return REACHED
+
+
+@compiled
+def next_kernel(circle, search, scratch):
+    """Takes the least travel time out and writes its configuration to ``scratch.q``.
+
+    Returns that time [s], infinite if nothing is left.
+    """
+    if is_srs(search.chain):
+        return next_nearest_kernel(circle, scratch.samples, scratch.q)
+    index = np.argmin(scratch.time)
+    shortest = scratch.time[index]
+    if shortest < np.inf:
+        scratch.time[index] = np.inf
+        scratch.q[:] = scratch.found[index]
+    return shortest
+
+
+@compiled
 def verdict_kernel(X_WF, search, scratch):
     """Whether a flange pose can be reached: REACHABLE, or why not.
 
     SELF_COLLISION: every configuration inside the limits collides with itself. TABLE: not every
     one does, but all others are too close to the table; or the hand itself is.
     """
-    circle = self_motion_kernel(X_WF)
+    circle = self_motion_kernel(search.chain, X_WF) if is_srs(search.chain) else REACHED
     if not circle.reached:
         return WRIST
     verdict = hand_verdict_kernel(X_WF, search, scratch.ends)
     if verdict != REACHABLE:
         return verdict
-    return _first_in_segments(circle, search, scratch)
+    if is_srs(search.chain):
+        return _first_in_segments(circle, search, scratch)
+    return _first_solution(X_WF, search, scratch)
 
 
 @compiled
@@ -216,20 +296,23 @@ def nearest_kernel(X_WF, q_near, search, scratch, q_best):
     """Writes the admissible configuration that is soonest reached from ``q_near``.
 
     It is the best of the arm angles of ``search`` and that of ``q_near``; if none of them is
-    admissible, the best inside the exact intervals. Returns the travel time [s], infinite if there
-    is none.
+    admissible, the best inside the exact intervals of an S-R-S arm. Returns the travel time [s],
+    infinite if there is none.
     """
-    circle = self_motion_kernel(X_WF)
-    if not circle.reached or hand_verdict_kernel(X_WF, search, scratch.ends) != REACHABLE:
+    if hand_verdict_kernel(X_WF, search, scratch.ends) != REACHABLE:
         return np.inf
-    travel_times_kernel(circle, q_near, search.limit_margin, scratch.samples)
-    while next_nearest_kernel(circle, scratch.samples, scratch.q) < np.inf:
+    circle = start_kernel(X_WF, q_near, search, scratch)
+    if not circle.reached:
+        return np.inf
+    while next_kernel(circle, search, scratch) < np.inf:
         if _is_admissible(scratch.q, search.open, search, search.floor):
             q_best[:] = scratch.q
-            return travel_time_kernel(scratch.q, q_near)
+            return travel_time_kernel(search.chain, scratch.q, q_near)
     shortest = np.inf
+    if not is_srs(search.chain):
+        return shortest
     for q in _all_candidates(circle, search, scratch):
-        time = travel_time_kernel(q, q_near)
+        time = travel_time_kernel(search.chain, q, q_near)
         if time < shortest:
             shortest = time
             q_best[:] = q
@@ -247,7 +330,7 @@ def nearest_batch_kernel(X_WF, q_near, search, q, times):
 @compiled
 def verdict_batch_kernel(X_WF, search, verdicts):
     """`verdict_kernel` of poses (n, 4, 4)."""
-    scratch = make_scratch(search, np.zeros(IIWA_7.joints))
+    scratch = make_scratch(search, np.zeros(len(search.chain) - 1))
     for k in range(len(X_WF)):
         verdicts[k] = verdict_kernel(X_WF[k], search, scratch)
 

@@ -25,6 +25,7 @@ from feasigrasp.models.reach.kernels import (
     nearest_batch_kernel,
     verdict_batch_kernel,
 )
+from feasigrasp.models.robot.arm import Arm, Family
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -51,7 +52,7 @@ VERDICTS = tuple(Verdict)
 
 @dataclass(frozen=True, eq=False)
 class Reachability(Frozen):
-    """Exact reachability of hand poses for the iiwa 7 with a gripper.
+    """Exact reachability of hand poses for an arm with a gripper.
 
     Whether some configuration is inside the joint limits is decided exactly, by the intervals of
     arm angle that are; collisions are looked at inside these intervals, at steps of at most
@@ -59,6 +60,7 @@ class Reachability(Frozen):
 
     Attributes:
         gripper: Tool at the flange.
+        arm: The arm.
         n_arm_angles: Arm angles tried per pose, evenly spaced over the circle.
         limit_margin: Distance kept from the joint limits [rad]; negative for a tolerance.
         clearance: Distance kept between bodies [m]; likewise.
@@ -72,6 +74,7 @@ class Reachability(Frozen):
     clearance: float = 0.02
     table_clearance: float = 0.02
     table_height: float = 0.0
+    arm: Arm = IIWA_7
     search: Search = field(init=False, repr=False)
     _X_GF: Array = field(init=False, repr=False)
 
@@ -129,14 +132,14 @@ class Reachability(Frozen):
             ``max_j |dq_j| / v_j``, infinite where there is none.
         """
         X_WF = self.flange(X_WG)
-        found, times = np.full((len(X_WF), IIWA_7.joints), np.nan), np.empty(len(X_WF))
+        found, times = np.full((len(X_WF), self.arm.joints), np.nan), np.empty(len(X_WF))
         nearest_batch_kernel(X_WF, np.asarray(q), self.search, found, times)
         return found, times
 
     @checked(ReachabilityError)
     def admissible(self, q: Annotated[ArrayLike, JOINTS]) -> Mask:
         """Mask of configurations (n, 7) inside the limits and without collision."""
-        Q = np.asarray(q).reshape(-1, IIWA_7.joints)
+        Q = np.asarray(q).reshape(-1, self.arm.joints)
         out = np.empty(len(Q), dtype=np.bool_)
         admissible_batch_kernel(Q, self.search, out)
         return out
@@ -147,18 +150,33 @@ class Reachability(Frozen):
         return np.ascontiguousarray(np.asarray(X_WG).reshape(-1, 4, 4) @ self._X_GF)
 
 
+def _redundancies(arm: Arm, n: int) -> Array:
+    """Arm angles of an S-R-S arm, else positions of the last of seven joints [rad]."""
+    if arm.family == Family.SRS:
+        return np.linspace(-np.pi, np.pi, n, endpoint=False)
+    if arm.family == Family.PARALLEL:
+        return np.zeros(1)
+    low, high = max(arm.lower[6], -np.pi), min(arm.upper[6], np.pi)
+    return np.asarray(low + (np.arange(n) + 0.5) / n * (high - low))
+
+
 def _make_search(reachability: Reachability) -> Search:
     """Sorts out which pairs of capsules the flange pose alone decides."""
-    capsules = capsule_model(reachability.gripper)
+    arm = reachability.arm
+    capsules = capsule_model(reachability.gripper, arm)
     # What is on the axis of joint 1 does not move with it.
-    on_axis = (capsules.link == 1) & (np.abs(capsules.ends[:, :, :2]).max(axis=(1, 2)) == 0.0)
+    around = (capsules.link == 1) & (np.abs(capsules.ends[:, :, :2]).max(axis=(1, 2)) == 0.0)
     ends = capsules.ends.copy()
-    ends[capsules.link == 1, :, 2] += IIWA_7.joint_heights[0]
+    ends[capsules.link == 1] += arm.points[0]
     low, high = capsules.pairs.T
-    decided = (on_axis | (capsules.link == 0))[low] & (capsules.link[high] == IIWA_7.joints)
-    undecided = capsules._replace(movers=capsules.movers[capsules.link[capsules.movers] < 7])
+    decided = (around | (capsules.link == 0))[low] & (capsules.link[high] == arm.joints)
+    undecided = capsules._replace(
+        movers=capsules.movers[capsules.link[capsules.movers] < arm.joints]
+    )
+    X_FL = se3.inverse(arm.X_LF)
     return Search(
-        psis=np.linspace(-np.pi, np.pi, reachability.n_arm_angles, endpoint=False),
+        chain=arm.chain,
+        psis=_redundancies(arm, reachability.n_arm_angles),
         spacing=2.0 * np.pi / reachability.n_arm_angles,
         limit_margin=float(reachability.limit_margin),
         clearance=float(reachability.clearance),
@@ -166,7 +184,8 @@ def _make_search(reachability: Reachability) -> Search:
         floor=float(reachability.table_height + reachability.table_clearance),
         capsules=capsules,
         open=undecided.with_pairs(capsules.pairs[~decided]),
-        hand=np.flatnonzero(capsules.link == IIWA_7.joints),
+        hand=np.flatnonzero(capsules.link == arm.joints),
+        on_flange=capsules.ends @ X_FL[:3, :3].T + X_FL[:3, 3],
         fixed=ends,
         fixed_pairs=np.ascontiguousarray(capsules.pairs[decided]),
     )

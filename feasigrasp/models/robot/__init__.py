@@ -1,7 +1,8 @@
 """Models of arm and hand: data, kinematics, collisions."""
 
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
-from feasigrasp.models.robot.iiwa import IIWA_7, Arm
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import (
     forward_kinematics,
     manipulability,

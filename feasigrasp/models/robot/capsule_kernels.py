@@ -6,7 +6,8 @@ that is not known is not free.
 
 The kernels are scalar numba code that other kernels can call; each takes the arrays of a
 `CapsuleModel` as an argument, so that no fact about the capsules is frozen into their compiled
-cache. Link frames are rotations ``R`` (8, 3, 3) and origins ``p`` (8, 3) in the world.
+cache. Link frames are rotations ``R`` (n + 1, 3, 3) and origins ``p`` (n + 1, 3) in the world, the
+base's first; ``chain`` is that of an `Arm`.
 """
 
 from __future__ import annotations
@@ -16,56 +17,27 @@ import numpy as np
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import cross, dot, minus, step, turn
-from feasigrasp.models.robot.iiwa import IIWA_7
-
-#: The base counts as one. Source: layout.
-LINKS = IIWA_7.joints + 1
-_H0, _H1 = IIWA_7.joint_heights[:2]
-_L2, _L3, _L4, _L5, _L6 = IIWA_7.link_steps[2:7]
-#: Sign of a joint about y; 0 for a joint about z. Source: formula.
-_Y_SIGN = np.ascontiguousarray(IIWA_7.joint_axes[:, 1])
+from feasigrasp.models.robot.arm import AXIS, OFFSET, SIGN
 
 
 @compiled(forceinline=True)
-def walk_links(sincos, source, write, target):
-    """Goes along the arm: ``write(target, k, x, y, z, origin)`` takes the frame of each link k.
-
-    ``sincos(source, j)`` gives the sine and the cosine of joint j.
-    """
+def walk_links(chain, q, write, target):
+    """Goes along the arm: ``write(target, k, x, y, z, origin)`` takes the frame of each link k."""
     x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    write(target, 0, x, y, z, (0.0, 0.0, 0.0))
-    s, c = sincos(source, 0)
-    x, y = (c, s, 0.0), (-s, c, 0.0)
-    write(target, 1, x, y, z, (0.0, 0.0, _H0))
-    s, c = sincos(source, 1)
-    z, x = turn(z, x, s, c)
-    origin = (0.0, 0.0, _H1)
-    write(target, 2, x, y, z, origin)
-    origin = step(origin, _L2, z)
-    s, c = sincos(source, 2)
-    x, y = turn(x, y, s, c)
-    write(target, 3, x, y, z, origin)
-    origin = step(origin, _L3, z)
-    s, c = sincos(source, 3)
-    z, x = turn(z, x, -s, c)  # joint 4 turns about -y
-    write(target, 4, x, y, z, origin)
-    origin = step(origin, _L4, z)
-    s, c = sincos(source, 4)
-    x, y = turn(x, y, s, c)
-    write(target, 5, x, y, z, origin)
-    origin = step(origin, _L5, z)
-    s, c = sincos(source, 5)
-    z, x = turn(z, x, s, c)
-    write(target, 6, x, y, z, origin)
-    origin = step(origin, _L6, z)
-    s, c = sincos(source, 6)
-    x, y = turn(x, y, s, c)
-    write(target, 7, x, y, z, origin)
-
-
-@compiled(forceinline=True)
-def _sincos_of(q, joint):
-    return fast_sincos(q[joint])
+    origin = (0.0, 0.0, 0.0)
+    write(target, 0, x, y, z, origin)
+    for j in range(len(chain) - 1):
+        origin = step(origin, chain[j, OFFSET], x)
+        origin = step(step(origin, chain[j, OFFSET + 1], y), chain[j, OFFSET + 2], z)
+        s, c = fast_sincos(q[j])
+        s *= chain[j, SIGN]
+        if chain[j, AXIS] == 2.0:
+            x, y = turn(x, y, s, c)
+        elif chain[j, AXIS] == 1.0:
+            z, x = turn(z, x, s, c)
+        else:
+            y, z = turn(y, z, s, c)
+        write(target, j + 1, x, y, z, origin)
 
 
 @compiled(forceinline=True)
@@ -77,9 +49,9 @@ def _write_frame(target, k, x, y, z, origin):
 
 
 @compiled
-def link_poses_kernel(q, R, p):
-    """Writes rotations (8, 3, 3) and origins (8, 3) of the link frames 0 to 7 in the world."""
-    walk_links(_sincos_of, q, _write_frame, (R, p))
+def link_poses_kernel(chain, q, R, p):
+    """Writes rotations (n + 1, 3, 3) and origins (n + 1, 3) of the link frames in the world."""
+    walk_links(chain, q, _write_frame, (R, p))
 
 
 @compiled(forceinline=True)
@@ -121,23 +93,14 @@ def closest_parameters(a0, a1, b0, b1):
 
 
 @compiled
-def add_lever(point, normal, low, high, R, p, gradient):
-    """Writes how joints low+1 to high move a point along a direction into ``gradient`` (7,)."""
+def add_lever(chain, point, normal, low, high, R, p, gradient):
+    """Writes how joints low+1 to high move a point along a direction into ``gradient`` (n,)."""
     for j in range(low, high):
         # The joint's axis is a column of its link's rotation, which the joint leaves as it is.
-        sign = _Y_SIGN[j]
-        if sign == 0.0:
-            axis = R[j + 1, 0, 2], R[j + 1, 1, 2], R[j + 1, 2, 2]
-        else:
-            axis = sign * R[j + 1, 0, 1], sign * R[j + 1, 1, 1], sign * R[j + 1, 2, 1]
+        k, sign = int(chain[j, AXIS]), chain[j, SIGN]
+        axis = sign * R[j + 1, 0, k], sign * R[j + 1, 1, k], sign * R[j + 1, 2, k]
         lever = point[0] - p[j + 1, 0], point[1] - p[j + 1, 1], point[2] - p[j + 1, 2]
         gradient[j] = dot(normal, cross(axis, lever))
-
-
-#: Rows: 7 angles that become sines, 7 cosines, 3 x 8 coordinates of the balls' centres. Source:
-#: layout.
-COSINES, CENTRES = IIWA_7.joints, 2 * IIWA_7.joints
-ROWS = CENTRES + 3 * LINKS
 
 
 @compiled(forceinline=True)
@@ -173,74 +136,45 @@ def _group_collides(R, p, model, g, margin):
 
 
 @compiled(forceinline=True)
-def _sincos_in_lane(lane, joint):
-    rows, stride, b = lane
-    return rows[joint * stride + b], rows[(COSINES + joint) * stride + b]
-
-
-@compiled(forceinline=True)
 def _write_centre(target, link, x, y, z, origin):
-    (rows, stride, b), balls = target
-    ball = balls[link]
-    centre = step(step(step(origin, ball[0], x), ball[1], y), ball[2], z)
-    for i in range(3):
-        rows[(CENTRES + 3 * link + i) * stride + b] = centre[i]
-
-
-@compiled(forceinline=True)
-def write_centres(rows, stride, b, balls):
-    """Writes the centres of the links' balls in lane b, from its sines and cosines."""
-    lane = rows, stride, b
-    walk_links(_sincos_in_lane, lane, _write_centre, (lane, balls))
-
-
-@compiled(forceinline=True)
-def _ball(balls, k):
-    return balls[k, 0], balls[k, 1], balls[k, 2]
-
-
-@compiled(forceinline=True)
-def centres_of(balls):
-    """Balls as a tuple, which no loop changes, for the compiler."""
-    return (
-        _ball(balls, 0), _ball(balls, 1), _ball(balls, 2), _ball(balls, 3),
-        _ball(balls, 4), _ball(balls, 5), _ball(balls, 6), _ball(balls, 7),
-    )  # fmt: skip
+    centres, balls = target
+    centre = step(step(origin, balls[link, 0], x), balls[link, 1], y)
+    centre = step(centre, balls[link, 2], z)
+    centres[link, 0], centres[link, 1], centres[link, 2] = centre
 
 
 @compiled
-def _write_one(q, rows, balls):
-    """Writes the rows of a single configuration."""
-    for j in range(IIWA_7.joints):
-        rows[j], rows[COSINES + j] = fast_sincos(q[j])
-    write_centres(rows, 1, 0, centres_of(balls))
+def _centres(chain, q, balls):
+    """Centres of the links' balls in the world, shape (n + 1, 3)."""
+    centres = np.empty((len(chain), 3))
+    walk_links(chain, q, _write_centre, (centres, balls))
+    return centres
 
 
 @compiled(forceinline=True)
-def _balls_closer(rows, balls, groups, g, margin):
-    """Whether the balls of a group's two links are closer than ``margin``, single configuration."""
-    low, high = groups[g, 0], groups[g, 1]
-    i, j = CENTRES + 3 * low, CENTRES + 3 * high
-    x, y, z = rows[i] - rows[j], rows[i + 1] - rows[j + 1], rows[i + 2] - rows[j + 2]
-    return _closer(x * x + y * y + z * z, balls[low, 3] + balls[high, 3] + margin)
+def _balls_closer(centres, balls, groups, g, margin):
+    """Whether the balls of a group's two links are closer than ``margin``."""
+    i, j = groups[g, 0], groups[g, 1]
+    x, y = centres[i, 0] - centres[j, 0], centres[i, 1] - centres[j, 1]
+    z = centres[i, 2] - centres[j, 2]
+    return _closer(x * x + y * y + z * z, balls[i, 3] + balls[j, 3] + margin)
 
 
 @compiled
-def doubts_kernel(q, balls, groups, margin, height, first, end):
+def doubts_kernel(chain, q, balls, groups, margin, height, first, end):
     """Pairs undecided by the bounding balls of links: 0 if none.
 
     1 if links ``first`` to ``end - 1`` may reach below ``height``, 2 if pairs may be closer than
-    ``margin``, 3 if both. Loops do best to take ``balls`` and ``groups`` out of the model before
-    they begin: handing over a model counts references to all its arrays, as long as this takes.
+    ``margin``, 3 if both. Loops do best to take the arrays out of the model before they begin:
+    handing over a model counts references to all its arrays, as long as this takes.
     """
-    rows, found = np.empty(ROWS), 0
-    _write_one(q, rows, balls)
+    centres, found = _centres(chain, q, balls), 0
     for link in range(first, end):
-        if not rows[CENTRES + 3 * link + 2] - balls[link, 3] >= height:
+        if not centres[link, 2] - balls[link, 3] >= height:
             found = 1
             break
     for g in range(len(groups)):
-        if _balls_closer(rows, balls, groups, g, margin):
+        if _balls_closer(centres, balls, groups, g, margin):
             return found + 2
     return found
 
@@ -248,11 +182,12 @@ def doubts_kernel(q, balls, groups, margin, height, first, end):
 @compiled
 def collides_kernel(q, model, margin):
     """Whether any pair is closer than ``margin``."""
-    rows, R, p = np.empty(ROWS), np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
-    _write_one(q, rows, model.balls)
-    link_poses_kernel(q, R, p)
+    n = len(model.balls)
+    R, p = np.empty((n, 3, 3)), np.empty((n, 3))
+    centres = _centres(model.chain, q, model.balls)
+    link_poses_kernel(model.chain, q, R, p)
     for g in range(len(model.groups)):
-        if _balls_closer(rows, model.balls, model.groups, g, margin) and _group_collides(
+        if _balls_closer(centres, model.balls, model.groups, g, margin) and _group_collides(
             R, p, model, g, margin
         ):
             return True
@@ -262,8 +197,9 @@ def collides_kernel(q, model, margin):
 @compiled
 def _reaches_below(q, model, height):
     """Whether a mover reaches below ``z = height``."""
-    R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
-    link_poses_kernel(q, R, p)
+    n = len(model.balls)
+    R, p = np.empty((n, 3, 3)), np.empty((n, 3))
+    link_poses_kernel(model.chain, q, R, p)
     for k in range(len(model.movers)):
         c = model.movers[k]
         link = model.link[c]
@@ -280,7 +216,7 @@ def is_clear_kernel(q, model, clearance, height):
     first, end = 0, 0
     if len(model.movers) > 0:  # in the order of their links
         first, end = model.link[model.movers[0]], model.link[model.movers[-1]] + 1
-    doubts = doubts_kernel(q, model.balls, model.groups, clearance, height, first, end)
+    doubts = doubts_kernel(model.chain, q, model.balls, model.groups, clearance, height, first, end)
     if doubts & 1 and _reaches_below(q, model, height):
         return False
     return not (doubts >= 2 and collides_kernel(q, model, clearance))

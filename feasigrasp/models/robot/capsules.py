@@ -2,13 +2,13 @@
 
 A capsule is a segment with a radius. Every vertex of a visible link lies in a capsule of that link,
 so that what the capsules keep apart is apart. ``python tools/fit_capsules.py`` finds the capsules
-of least volume that do so; the numbers below are what it prints. Those of the hand follow from
+of least volume that do so; `Arm.capsules` are what it prints. Those of the hand follow from
 `ParallelGripper`, fully opened.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -16,52 +16,32 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Indices
-from feasigrasp.models.robot.capsule_kernels import LINKS, link_poses_kernel
+from feasigrasp.models.robot.arm import Arm, Capsule
+from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 HAND_NAMES = ("palm", "left_finger", "right_finger", "camera")
-#: Rigid bodies that carry capsules; ``BODY_LINK`` names the link that each of them moves with.
-BODY_NAMES = (*IIWA_7.link_names, *HAND_NAMES)
-BODY_LINK = np.minimum(np.arange(len(BODY_NAMES)), IIWA_7.joints)
-#: Numbers of the bodies after the links of the arm. Source: layout.
-PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA = 8, 9, 10, 11
-
-#: Pairs of bodies of the default hand that can come close inside the joint limits. Left out are
-#: neighbours, links 5 and 7 (both turn about the wrist, whose limit stops them before they touch),
-#: and every pair whose visible bodies never come nearer than 2 cm; a test searches for the minima.
-BODY_PAIRS: tuple[tuple[int, int], ...] = (
-    *product((0,), (4, 5, 6, 7, PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA)),
-    *product((1,), (7, PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA)),
-    *product((2,), (PALM, LEFT_FINGER, RIGHT_FINGER)),
-)
-
-
-class Capsule(NamedTuple):
-    """A segment from ``a`` to ``b`` with a radius, in the frame of the body's link [m]."""
-
-    body: int
-    a: tuple[float, float, float]
-    b: tuple[float, float, float]
-    radius: float
 
 
 class CapsuleModel(NamedTuple):
     """Capsules and the pairs to check, as the arrays that the kernels of self_collision take.
 
     Attributes:
+        chain: That of the `Arm`.
         link: Link that each capsule moves with, shape (c,).
         ends: End points in that link's frame, shape (c, 2, 3) [m].
         radius: Shape (c,) [m].
         reach: Radius of the ball about the segment's middle that holds the capsule, shape (c,) [m].
         balls: Centre in the link's frame and radius of a ball that holds all capsules of a link,
-            shape (8, 4) [m]; the radius is negative for a link without any.
+            shape (n + 1, 4) [m]; the radius is negative for a link without any.
         pairs: Indices of the capsules of each checked pair, the lower link first, shape (p, 2).
         groups: Runs of pairs between the same two links: lower link, upper link, first pair, end;
             shape (g, 4).
-        movers: Indices of the capsules whose height can change (links 2 to 7), shape (m,).
+        movers: Indices of the capsules whose height can change (from link 2 on), shape (m,).
     """
 
+    chain: Array
     link: Indices
     ends: Array
     radius: Array
@@ -80,56 +60,18 @@ class CapsuleModel(NamedTuple):
         return model
 
 
-Segment = tuple[tuple[float, float, float], tuple[float, float, float], float]
-#: Links 1 and 2, tube and drum: ends and radius [m]. Links 3 and 4 are the same mirrored.
-_UPPER: tuple[Segment, ...] = (
-    ((0.0, 0.0, 0.031), (0.0, 0.0, 0.186), 0.074),
-    ((0.0, -0.010, 0.129), (0.0, -0.057, 0.189), 0.076),
-)
-_LOWER: tuple[Segment, ...] = (
-    ((0.0, 0.0, -0.001), (0.0, 0.0, 0.193), 0.072),
-    ((0.0, 0.059, 0.0), (0.0, 0.008, 0.077), 0.075),
-)
-
-
-def _along(body: int, *segments: Segment) -> Iterator[Capsule]:
-    return (Capsule(body, *segment) for segment in segments)
-
-
-def _mirrored(segment: Segment) -> Segment:
-    """The segment on the other side of the plane y = 0."""
-    (ax, ay, az), (bx, by, bz), radius = segment
-    return (ax, -ay, az), (bx, -by, bz), radius
-
-
-def arm_capsules() -> tuple[Capsule, ...]:
-    """The capsules of the base and the seven links, in the order of the bodies."""
-    return (
-        *_along(0, ((0.0, 0.0, 0.026), (0.0, 0.0, 0.031), 0.130)),
-        *_along(0, ((0.023, 0.0, 0.059), (0.0, 0.0, 0.092), 0.093)),
-        *_along(1, *_UPPER),
-        *_along(2, *_LOWER),
-        *_along(3, *map(_mirrored, _UPPER)),
-        *_along(4, *map(_mirrored, _LOWER)),
-        *_along(5, ((0.0, 0.0, 0.035), (0.0, 0.0, 0.058), 0.074)),
-        *_along(5, ((0.0, -0.004, 0.043), (0.0, -0.077, 0.189), 0.056)),
-        *_along(6, ((0.0, -0.012, 0.0), (0.0, 0.003, 0.039), 0.069)),
-        *_along(6, ((0.0, 0.036, 0.0), (0.0, 0.011, 0.023), 0.071)),
-        *_along(7, ((0.0, 0.0, 0.014), (0.0, 0.0, 0.024), 0.050)),  # holds the hand's adapter too
-    )
-
-
-def hand_capsules(gripper: ParallelGripper | None = None) -> tuple[Capsule, ...]:
-    """The capsules of palm, opened fingers and wrist camera, carried by link 7.
+def hand_capsules(gripper: ParallelGripper | None = None, arm: Arm = IIWA_7) -> tuple[Capsule, ...]:
+    """The capsules of palm, opened fingers and wrist camera, carried by the last link.
 
     They hold the boxes of `ParallelGripper` and what the hand's visible bodies add to them: the
     guide in which the fingers run, and the bracket of the camera.
     """
     gripper = gripper or ParallelGripper()
-    X_7G = _link_to_grasp(gripper)
+    X_LG = arm.X_LF @ gripper.X_FG
+    palm, left_finger, right_finger, camera = range(arm.joints + 1, arm.joints + 5)
 
     def capsule(body: int, a: ArrayLike, b: ArrayLike, radius: float) -> Capsule:
-        ends = np.array([a, b]) @ X_7G[:3, :3].T + X_7G[:3, 3]
+        ends = np.array([a, b]) @ X_LG[:3, :3].T + X_LG[:3, 3]
         return Capsule(body, tuple(ends[0].tolist()), tuple(ends[1].tolist()), float(radius))
 
     palm_x, palm_y, palm_z = np.array(gripper.palm_size) / 2
@@ -152,57 +94,59 @@ def hand_capsules(gripper: ParallelGripper | None = None) -> tuple[Capsule, ...]
     _, y, z = gripper.camera_center
     back = gripper.heel - 2 * palm_z
     return (
-        capsule(PALM, [-palm_half, 0, middle], [palm_half, 0, middle], palm_radius),
-        capsule(PALM, [0, 0, back - 0.014], [0, y, back - 0.014], 0.024),
-        capsule(LEFT_FINGER, [x, 0, gripper.heel], [x, 0, top], finger),
-        capsule(RIGHT_FINGER, [-x, 0, gripper.heel], [-x, 0, top], finger),
-        capsule(CAMERA, [-length / 2, y, z], [length / 2, y, z], height / np.sqrt(2)),
+        capsule(palm, [-palm_half, 0, middle], [palm_half, 0, middle], palm_radius),
+        capsule(palm, [0, 0, back - 0.014], [0, y, back - 0.014], 0.024),
+        capsule(left_finger, [x, 0, gripper.heel], [x, 0, top], finger),
+        capsule(right_finger, [-x, 0, gripper.heel], [-x, 0, top], finger),
+        capsule(camera, [-length / 2, y, z], [length / 2, y, z], height / np.sqrt(2)),
     )
 
 
-def hand_points(gripper: ParallelGripper | None = None) -> Array:
-    """Points all over the opened hand in the frame of link 7, shape (k, 3) [m]."""
+def hand_points(gripper: ParallelGripper | None = None, arm: Arm = IIWA_7) -> Array:
+    """Points all over the opened hand in the frame of the last link, shape (k, 3) [m]."""
     gripper = gripper or ParallelGripper()
-    X_7G = _link_to_grasp(gripper)
-    return gripper.skin_points(gripper.max_opening) @ X_7G[:3, :3].T + X_7G[:3, 3]
+    X_LG = arm.X_LF @ gripper.X_FG
+    return gripper.skin_points(gripper.max_opening) @ X_LG[:3, :3].T + X_LG[:3, 3]
 
 
-def _link_to_grasp(gripper: ParallelGripper) -> Array:
-    """X_7G, the grasp frame on link 7."""
-    X_7G = gripper.X_FG.copy()
-    X_7G[2, 3] += IIWA_7.link_steps[-1]
-    return X_7G
+def body_names(arm: Arm = IIWA_7) -> tuple[str, ...]:
+    """Rigid bodies that carry capsules: the links, and those of the hand on the last one."""
+    return *arm.link_names, *HAND_NAMES
 
 
-def body_pairs_of(gripper: ParallelGripper | None = None) -> Sequence[tuple[int, int]]:
+def body_pairs_of(
+    gripper: ParallelGripper | None = None, arm: Arm = IIWA_7
+) -> Sequence[tuple[int, int]]:
     """The pairs of bodies that are kept apart, the one nearer to the base first.
 
     Of the default hand those that can come close; any other hand is kept off all links but the two
     that carry it.
     """
-    if gripper is None or hand_capsules(gripper) == hand_capsules():
-        return BODY_PAIRS
-    hand = (PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA)
-    arm = [pair for pair in BODY_PAIRS if pair[1] < PALM]
-    return sorted({*arm, *product(range(IIWA_7.joints - 1), hand)})
+    if gripper is None or hand_capsules(gripper, arm) == hand_capsules(None, arm):
+        return arm.pairs
+    n = arm.joints
+    links = [pair for pair in arm.pairs if pair[1] <= n]
+    return sorted({*links, *product(range(n - 1), range(n + 1, n + 1 + len(HAND_NAMES)))})
 
 
 def capsule_model(
     gripper: ParallelGripper | None = None,
+    arm: Arm = IIWA_7,
     *,
     with_hand: bool = True,
     body_pairs: Sequence[tuple[int, int]] | None = None,
 ) -> CapsuleModel:
-    """The arrays of the arm, and of its hand unless ``with_hand`` is false.
+    """The arrays of an arm, and of its hand unless ``with_hand`` is false.
 
     Args:
         gripper: The hand; the default one if not given.
+        arm: The arm.
         with_hand: Whether there is a hand.
         body_pairs: Pairs of bodies to check, the one nearer to the base first; those of
             `body_pairs_of` if not given.
     """
-    body_pairs = body_pairs_of(gripper) if body_pairs is None else body_pairs
-    capsules = arm_capsules() + (hand_capsules(gripper) if with_hand else ())
+    body_pairs = body_pairs_of(gripper, arm) if body_pairs is None else body_pairs
+    capsules = arm.capsules + (hand_capsules(gripper, arm) if with_hand else ())
     by_body: dict[int, list[int]] = {}
     for index, capsule in enumerate(capsules):
         by_body.setdefault(capsule.body, []).append(index)
@@ -211,17 +155,16 @@ def capsule_model(
         for low, high in body_pairs
         for pair in product(by_body.get(low, ()), by_body.get(high, ()))
     ]
-    link = np.array([BODY_LINK[c.body] for c in capsules])
+    link = np.array([min(c.body, arm.joints) for c in capsules])
     ends = np.array([(c.a, c.b) for c in capsules])
     radius = np.array([c.radius for c in capsules])
     model = CapsuleModel(
+        chain=arm.chain,
         link=link,
         ends=ends,
         radius=radius,
         reach=radius + np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2,
-        balls=np.array(
-            [_ball(ends[link == k], radius[link == k]) for k in range(IIWA_7.joints + 1)]
-        ),
+        balls=np.array([_ball(ends[link == k], radius[link == k]) for k in range(arm.joints + 1)]),
         pairs=np.empty((0, 2), dtype=np.int64),
         groups=np.empty((0, 4), dtype=np.int64),
         movers=np.flatnonzero(link >= 2),
@@ -245,7 +188,7 @@ def _groups(link: Indices, pairs: Indices) -> Indices:
     links = link[pairs].reshape(-1, 2)
     starts = [k for k in range(len(pairs)) if k == 0 or (links[k] != links[k - 1]).any()]
     ends = [*starts[1:], len(pairs)]
-    runs = [(*links[a].tolist(), a, b) for a, b in zip(starts, ends, strict=True)]
+    runs = [(*links[a].tolist(), a, b) for a, b in zip(starts, ends, strict=False)]
     return np.array(runs, dtype=np.int64).reshape(-1, 4)
 
 
@@ -253,19 +196,21 @@ class ArmBalls(NamedTuple):
     """Balls that cover the capsules whose links can move, base and link 1 apart.
 
     Attributes:
+        chain: That of the `Arm`.
         link: Link that each ball moves with, shape (k,).
         center: Its centre in that link's frame, shape (k, 3) [m].
         radius: Its radius, shape (k,) [m].
     """
 
+    chain: Array
     link: Indices
     center: Array
     radius: Array
 
     def placed(self, q: Array) -> Array:
-        """The centres at joint positions q (7,), shape (k, 3) [m]."""
-        R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
-        link_poses_kernel(np.array(q, dtype=float), R, p)
+        """The centres at joint positions q (n,), shape (k, 3) [m]."""
+        R, p = np.empty((len(self.chain), 3, 3)), np.empty((len(self.chain), 3))
+        link_poses_kernel(self.chain, np.array(q, dtype=float), R, p)
         center: Array = np.einsum("kij,kj->ki", R[self.link], self.center) + p[self.link]
         return center
 
@@ -282,4 +227,6 @@ def arm_balls(model: CapsuleModel) -> ArmBalls:
         centers.append(first + share * (last - first))
         links.append(np.full(len(share), model.link[c]))
         radii.append(np.full(len(share), model.radius[c]))
-    return ArmBalls(np.concatenate(links), np.concatenate(centers), np.concatenate(radii))
+    return ArmBalls(
+        model.chain, np.concatenate(links), np.concatenate(centers), np.concatenate(radii)
+    )

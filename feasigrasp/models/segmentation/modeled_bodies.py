@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array, Floats, Mask
 from feasigrasp.models.compiled import compiled
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -115,14 +116,16 @@ def hand_boxes(gripper: ParallelGripper, X_WG: Array, opening: float) -> Boxes:
 class ModeledBodies:
     """The robot and its cell."""
 
-    def __init__(self, gripper: ParallelGripper, cell: Boxes | None = None) -> None:
+    def __init__(
+        self, gripper: ParallelGripper, cell: Boxes | None = None, arm: Arm = IIWA_7
+    ) -> None:
         """An arm that carries ``gripper`` in a cell of boxes, by default an empty one."""
-        self.gripper, self._cell = gripper, cell or Boxes.none()
-        self._arm = capsule_model(with_hand=False)
+        self.gripper, self.arm, self._cell = gripper, arm, cell or Boxes.none()
+        self._capsules = capsule_model(arm=arm, with_hand=False)
 
     def hand(self, q: Array) -> Array:
         """Position of the hand at joint positions (7,) [rad], shape (3,) [m]."""
-        return forward_kinematics(q, self.gripper.X_FG)[:3, 3]
+        return forward_kinematics(q, self.gripper.X_FG, self.arm)[:3, 3]
 
     def kinds(
         self, points: Floats, X_WC: Array, q: Array, opening: float, noise: float
@@ -139,11 +142,12 @@ class ModeledBodies:
         Returns:
             Shape (n,).
         """
-        R, p = np.empty((IIWA_7.joints + 1, 3, 3)), np.empty((IIWA_7.joints + 1, 3))
-        link_poses_kernel(np.ascontiguousarray(q, dtype=float), R, p)
-        arm = self._arm
+        n = self.arm.joints + 1
+        R, p = np.empty((n, 3, 3)), np.empty((n, 3))
+        link_poses_kernel(self.arm.chain, np.ascontiguousarray(q, dtype=float), R, p)
+        arm = self._capsules
         ends = np.einsum("cij,ckj->cki", R[arm.link], arm.ends) + p[arm.link][:, None]
-        hand = hand_boxes(self.gripper, forward_kinematics(q, self.gripper.X_FG), opening)
+        hand = hand_boxes(self.gripper, forward_kinematics(q, self.gripper.X_FG, self.arm), opening)
         kinds = np.empty(len(points), dtype=np.uint8)
         _kinds(
             np.ascontiguousarray(points, dtype=np.float32),

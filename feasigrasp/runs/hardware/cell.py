@@ -174,7 +174,7 @@ def _judged(
     metrics["acceleration_limit_violation_percent"] = _share_beyond(accelerations)
     metrics["acceleration_peak_percent"] = 100.0 * float(np.abs(accelerations).max(initial=0.0))
     sent = received.positions
-    beyond = np.abs(sent) > IIWA_7.driver.position
+    beyond = (sent < IIWA_7.driver.lower) | (sent > IIWA_7.driver.upper)
     driver = diagram.GetSubsystemByName("driver")
     stopped = driver.GetOutputPort("stopped").Eval(driver.GetMyContextFromRoot(context))
     gaps = 1e3 * received.gaps()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: What a motion exactly at a limit may go beyond it, relative to the limit. Positions of 3 rad are
@@ -28,12 +29,14 @@ class JointTicks:
         velocity: True joint velocities at the rate of the simulation [rad/s], shape (k, 7).
         period: Time between ticks [s].
         step: Time between the true velocities [s].
+        arm: The arm.
     """
 
     sent: Array
     velocity: Array
     period: float
     step: float
+    arm: Arm = IIWA_7
 
 
 def limit_metrics(ticks: JointTicks) -> dict[str, float | None]:
@@ -54,14 +57,15 @@ def limit_metrics(ticks: JointTicks) -> dict[str, float | None]:
         sent) and ``true_acceleration_peak_percent``; those of the true acceleration are None for a
         run shorter than `WINDOW`.
     """
-    speed = np.abs(ticks.velocity) / IIWA_7.velocity_limits
+    v_limits, a_limits = ticks.arm.velocity_limits, ticks.arm.acceleration_limits
+    speed = np.abs(ticks.velocity) / v_limits
     velocity = np.diff(ticks.sent, axis=0, prepend=ticks.sent[:1]) / ticks.period
     change = np.diff(velocity, axis=0, prepend=0.0) / ticks.period
-    acceleration = np.abs(change) / IIWA_7.acceleration_limits
-    true = np.abs(true_accelerations(ticks.velocity, ticks.step)) / IIWA_7.acceleration_limits
+    acceleration = np.abs(change) / a_limits
+    true = np.abs(true_accelerations(ticks.velocity, ticks.step)) / a_limits
     return {
         "velocity_limit_violation_percent": max(
-            _share_beyond(speed), _share_beyond(np.abs(velocity) / IIWA_7.velocity_limits)
+            _share_beyond(speed), _share_beyond(np.abs(velocity) / v_limits)
         ),
         "acceleration_limit_violation_percent": _share_beyond(acceleration),
         "true_acceleration_violation_percent": _share_beyond(true) if len(true) else None,

@@ -15,6 +15,7 @@ import trimesh
 from pydrake.common import MemoryFile
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 from pydrake.geometry import (
+    Capsule,
     CollisionFilterDeclaration,
     Convex,
     GeometryId,
@@ -35,6 +36,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
 
@@ -51,7 +53,8 @@ def self_collision_metrics(reference: ReferenceRobot, Q: Array) -> dict[str, flo
     distances = reference.self_distances(Q, NEAR)
     names = [{reference.names[a], reference.names[b]} for a, b in reference.pairs]
     # Forearm and flange: the one turns in the other's fork, 3.6 cm away for most of the way.
-    checked = distances[:, [pair != {IIWA_7.link_names[5], IIWA_7.link_names[7]} for pair in names]]
+    links = reference.arm.link_names
+    checked = distances[:, [pair != {links[-3], links[-1]} for pair in names]]
     nearest = float(checked.min(initial=np.inf))
     return {
         "self_collision_percent": 100.0 * float(np.mean((distances < 0.0).any(axis=1))),
@@ -72,8 +75,8 @@ def torque_metrics(
         Q: Joint positions, shape (m, 7) [rad].
         actuation: Torques of the simulated motors at the same times, shape (m, 7) [Nm].
     """
-    share = np.abs(actuation + reference.gravity_torques(Q)) / IIWA_7.effort_limits
-    clamped = np.abs(actuation) / IIWA_7.effort_limits
+    share = np.abs(actuation + reference.gravity_torques(Q)) / reference.arm.effort_limits
+    clamped = np.abs(actuation) / reference.arm.effort_limits
     # Torques are clamped at their limits, so what comes this near has reached them (relative).
     beyond = np.maximum(share, clamped) >= 1.0 - 1e-6
     return {
@@ -82,32 +85,36 @@ def torque_metrics(
     }
 
 
+#: The hand's bodies in the order of `HAND_NAMES`.
+_HAND = ("gripper_body", "left_finger", "right_finger", "camera_body")
 #: Of how many slices across its z-axis the hulls of a body are made, if not of the whole: the hull
 #: of the whole forearm would fill the fork in which the wrist turns.
 SLICES = {"iiwa_link_5": 12}
 
 
-def reference_robot(directives: Sequence[ModelDirective]) -> ReferenceRobot:
+def reference_robot(directives: Sequence[ModelDirective], arm: Arm = IIWA_7) -> ReferenceRobot:
     """The reference model of a cell, cached per process."""
-    return _reference_robot(yaml_dump_typed(ModelDirectives(directives=list(directives))))
+    return _reference_robot(yaml_dump_typed(ModelDirectives(directives=list(directives))), arm)
 
 
 @lru_cache(maxsize=4)
-def _reference_robot(text: str) -> ReferenceRobot:
-    return ReferenceRobot(yaml_load_typed(schema=ModelDirectives, data=text).directives)
+def _reference_robot(text: str, arm: Arm) -> ReferenceRobot:
+    return ReferenceRobot(yaml_load_typed(schema=ModelDirectives, data=text).directives, arm)
 
 
 class ReferenceRobot:
     """Arm, gripper with open fingers, and camera, as a cell's directives describe them.
 
     Attributes:
+        arm: The arm.
         names: Bodies of the robot, the base first.
         pairs: Those of them that are not neighbours, as places in ``names``, shape (p, 2).
             Neighbours move with the same link, or with links that a joint connects.
     """
 
-    def __init__(self, directives: Sequence[ModelDirective]) -> None:
+    def __init__(self, directives: Sequence[ModelDirective], arm: Arm = IIWA_7) -> None:
         """Loads the cell anew."""
+        self.arm = arm
         builder = DiagramBuilder()
         self.plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
         parser = Parser(self.plant)
@@ -115,7 +122,7 @@ class ReferenceRobot:
         ProcessModelDirectives(ModelDirectives(directives=list(directives)), self.plant, parser)
         instances = [
             self.plant.GetModelInstanceByName(name)
-            for name in ("iiwa", "gripper", "camera")
+            for name in (arm.name, "gripper", "camera")
             if self.plant.HasModelInstanceNamed(name)
         ]
         self._arm = instances[0]
@@ -154,7 +161,7 @@ class ReferenceRobot:
         Args:
             Q: Joint positions, shape (n, 7) [rad].
         """
-        torques = np.empty((len(Q), IIWA_7.joints))
+        torques = np.empty((len(Q), self.arm.joints))
         for row, q in zip(torques, Q, strict=True):
             self.plant.SetPositions(self._context, self._arm, q)
             weight = self.plant.CalcGravityGeneralizedForces(self._context)
@@ -167,11 +174,18 @@ class ReferenceRobot:
         return self._scene_graph.get_query_output_port().Eval(context)
 
     def _add_hulls(self, body: RigidBody) -> list[GeometryId]:
-        """Gives a body the hulls of its visual geometry as collision geometry."""
+        """Gives a body the hulls of its visual geometry as collision geometry; capsules as such."""
         inspector = self._scene_graph.model_inspector()
         hulls: list[GeometryId] = []
         for visual in self.plant.GetVisualGeometriesForBody(body):
             shape, X_BV = inspector.GetShape(visual), inspector.GetPoseInFrame(visual)
+            if isinstance(shape, Capsule):
+                name = f"capsule {len(hulls)}"
+                hulls.append(
+                    self.plant.RegisterCollisionGeometry(
+                        body, X_BV, shape, name, ProximityProperties()
+                    )
+                )
             if not isinstance(shape, Mesh):
                 continue
             for piece in slices(shape, SLICES.get(body.name(), 1)):
@@ -187,10 +201,14 @@ class ReferenceRobot:
 
     def _keep_apart(self, bodies: list[RigidBody], hulls: list[list[GeometryId]]) -> Array:
         """Lets the hulls of bodies that are not neighbours collide, and nothing else."""
-        links = {name: k for k, name in enumerate(IIWA_7.link_names)}
-        carried = IIWA_7.joints  # the hand and the camera move with the last link
+        links = {name: k for k, name in enumerate(self.arm.link_names)}
+        carried = self.arm.joints  # the hand and the camera move with the last link
         link = [links.get(body.name(), carried) for body in bodies]
         pairs = [(a, b) for a, b in combinations(range(len(bodies)), 2) if link[b] - link[a] >= 2]
+        if len(self.arm.inertias):  # seen as its capsules, some of which always overlap
+            hand = {name: carried + 1 + k for k, name in enumerate(_HAND)}
+            number = [(links | hand)[body.name()] for body in bodies]
+            pairs = [(a, b) for a, b in pairs if (number[a], number[b]) in self.arm.pairs]
         inspector = self._scene_graph.model_inspector()
         everything = GeometrySet(inspector.GetAllGeometryIds(Role.kProximity))
         filters = self._scene_graph.collision_filter_manager()

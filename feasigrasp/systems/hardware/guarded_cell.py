@@ -10,8 +10,8 @@ from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.control.safety.driver_clock import SHORTEST
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
+from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.stages.static_obstacles import make_static_grid
@@ -33,7 +33,8 @@ class GuardedCell(NamedTuple):
     def make_guard(self) -> CommandGuard:
         """A guard of the arm."""
         safety = SafetyFilter(self.options, self.gripper)
-        return CommandGuard(channels.IIWA_PERIOD, self.options.speed, safety, self.obstacles)
+        given = self.options.speed, safety, self.obstacles, self.options.arm
+        return CommandGuard(channels.IIWA_PERIOD, *given)
 
 
 def make_guarded_cell(scenario: Scenario) -> GuardedCell:
@@ -43,9 +44,13 @@ def make_guarded_cell(scenario: Scenario) -> GuardedCell:
     that a controller in mode ``safe`` asks for.
     """
     cell, default, speed = scenario.cell, SafetyOptions, scenario.control.speed
-    braking = IIWA_7.acceleration_share * np.array(IIWA_7.acceleration_limits)
-    fastest = speed * CommandGuard.SPEED * np.array(IIWA_7.velocity_limits)
+    arm = load_arm(scenario.arm)
+    braking = arm.acceleration_share * np.array(arm.acceleration_limits)
+    fastest = speed * CommandGuard.SPEED * np.array(arm.velocity_limits)
     options = SafetyOptions(
+        arm=arm,
+        acceleration_scale=arm.acceleration_share,
+        position_margin=arm.position_margin,
         speed=speed,
         velocity_scale=CommandGuard.SPEED,
         approach_gain=0.999 * float(np.min(braking / fastest)),  # exclusive of rounding

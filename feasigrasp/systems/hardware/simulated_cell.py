@@ -94,8 +94,8 @@ class SimulatedIiwaDriver(LeafSystem):
         stopped = context.get_discrete_state(1).value()[0]
         beyond = np.abs(self._torque.Eval(context)) > IIWA_7.driver.external_torque
         if stopped == 0.0 and not beyond.any():
-            limit = IIWA_7.driver.position
-            command = np.clip(self._position.Eval(context), -limit, limit)
+            driver = IIWA_7.driver
+            command = np.clip(self._position.Eval(context), driver.lower, driver.upper)
             state.get_mutable_vector(0).SetFromVector(command)
         elif stopped == 0.0:
             state.get_mutable_vector(1).SetFromVector([1.0 + np.argmax(beyond)])
@@ -211,7 +211,7 @@ def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
     mask = scenario.perception.segmentation == Segmentation.LABELS
     for name, camera in scenario.cameras.items():
         publish_images(builder, station, name, camera, lcm, mask=mask)
-    cell = Cell(builder, scenario, load_gripper(scenario.gripper), station)
+    cell = Cell(builder, scenario, load_gripper(scenario.gripper), IIWA_7, station)
     add_judges(cell)
     cell.connect()
     diagram = builder.Build()

@@ -116,7 +116,9 @@ class HardwareStation(Diagram):
                 builder.Connect(images.GetOutputPort("stamp"), then.GetInputPort("stamp"))
                 builder.ExportOutput(then.get_output_port(), f"{name}.{port}")
             self._add_camera(builder, name, camera, images)
-            now = builder.AddNamedSystem(f"{name}_pose_now", CameraPose(self.plant, name, camera))
+            now = builder.AddNamedSystem(
+                f"{name}_pose_now", CameraPose(self.plant, name, camera, IIWA_7)
+            )
             builder.Connect(position, now.get_input_port())
             builder.ExportOutput(now.get_output_port(), f"{name}.pose_now")
         builder.BuildInto(self)
@@ -204,7 +206,7 @@ class HardwareStation(Diagram):
     ) -> None:
         """Exports what a camera shows, from its images and the joints at their instant."""
         then = builder.GetSubsystemByName(f"{name}_position")
-        pose = builder.AddNamedSystem(f"{name}_pose", CameraPose(self.plant, name, camera))
+        pose = builder.AddNamedSystem(f"{name}_pose", CameraPose(self.plant, name, camera, IIWA_7))
         builder.Connect(then.get_output_port(), pose.get_input_port())
         cloud = DepthImageToPointCloud(pixel_centred_intrinsics(camera), PixelType.kDepth32F)
         builder.AddNamedSystem(f"{name}_point_cloud", cloud)

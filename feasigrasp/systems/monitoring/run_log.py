@@ -17,21 +17,23 @@ from feasigrasp.systems.dynamic_grasp import Subsystems
 from feasigrasp.systems.ports import declare_input, optional, weakly
 from feasigrasp.systems.station.station import Station
 
-#: The arrays of a log beside ``time``, and the shape of a sample; docs/results_schema.md defines
-#: them.
-FIELDS: dict[str, tuple[int, ...]] = {
-    "q": (IIWA_7.joints,),
-    "qd": (IIWA_7.joints,),
-    "qd_commanded": (IIWA_7.joints,),
-    "q_sent": (IIWA_7.joints,),
-    "qd_sent": (IIWA_7.joints,),
-    "opening": (1,),
-    "opening_sent": (1,),
-    "X_WO": (4, 4),
-    "X_WO_true": (4, 4),
-    "phase": (1,),
-    "X_OG": (4, 4),
-}
+
+def fields(joints: int) -> dict[str, tuple[int, ...]]:
+    """The arrays of a log beside ``time``, and the shape of a sample.
+
+    docs/results_schema.md defines them.
+    """
+    arm = dict.fromkeys(("q", "qd", "qd_commanded", "q_sent", "qd_sent"), (joints,))
+    return arm | {
+        "opening": (1,),
+        "opening_sent": (1,),
+        "X_WO": (4, 4),
+        "X_WO_true": (4, 4),
+        "phase": (1,),
+        "X_OG": (4, 4),
+    }
+
+
 #: An unknown pose. Source: layout.
 _NO_POSE = np.full((4, 4), np.nan)
 
@@ -62,13 +64,13 @@ class RunLog(LeafSystem):
     between the pads [m] and its rate, ``gripper_position`` V1 the commanded distance.
     ``object_pose`` is the tracked pose, ``true_pose`` the true one, which only a simulation has.
     ``phase`` is a `Phase`, ``grasps`` what the controller is given and ``chosen_grasp`` V16 the one
-    that it goes for. ``true_pose`` and ``chosen_grasp`` are optional. ``sample`` holds `FIELDS`.
+    that it goes for. ``true_pose`` and ``chosen_grasp`` are optional. ``sample`` holds `fields`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, joints: int = IIWA_7.joints) -> None:
         """A system without state."""
         super().__init__()
-        n = IIWA_7.joints
+        n = joints
         self._arm = [
             self.DeclareVectorInputPort(name, size)
             for name, size in (
@@ -81,7 +83,7 @@ class RunLog(LeafSystem):
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._chosen = self.DeclareVectorInputPort("chosen_grasp", _NO_POSE.size)
-        size = sum(map(prod, FIELDS.values()))
+        size = sum(map(prod, fields(n).values()))
         self.DeclareVectorOutputPort("sample", size, weakly(self._calc))
 
     def _calc(self, context: Context, output) -> None:
@@ -114,7 +116,9 @@ def add_run_log(builder: DiagramBuilder, subsystems: Subsystems, period: float =
         period: Time between samples [s]; by default that of the control in packaged scenarios.
     """
     station, tracker, sequencer = subsystems.station, subsystems.tracker, subsystems.sequencer
-    log = builder.AddNamedSystem("run_log", RunLog())
+    log = builder.AddNamedSystem(
+        "run_log", RunLog(station.GetOutputPort("iiwa.position_measured").size())
+    )
     inputs = {
         "position": station.GetOutputPort("iiwa.position_measured"),
         "velocity": station.GetOutputPort("iiwa.velocity_estimated"),
@@ -136,16 +140,17 @@ def add_run_log(builder: DiagramBuilder, subsystems: Subsystems, period: float =
 
 
 def read_run_log(diagram: Diagram, context: Context) -> dict[str, NDArray[np.generic]]:
-    """The log of `add_run_log`: ``time`` (n,) [s], and `FIELDS` with n samples each.
+    """The log of `add_run_log`: ``time`` (n,) [s], and `fields` with n samples each.
 
     Args:
         diagram: The diagram.
         context: Its context, at the end of the run.
     """
     log = diagram.GetSubsystemByName("log(run)").FindLog(context)
+    joints = diagram.GetSubsystemByName("run_log").GetInputPort("position").size()
     arrays: dict[str, NDArray[np.generic]] = {"time": log.sample_times().copy()}
     data, start = log.data().T, 0
-    for name, shape in FIELDS.items():
+    for name, shape in fields(joints).items():
         stop = start + prod(shape)
         arrays[name] = data[:, start:stop].reshape(-1, *(() if shape == (1,) else shape)).copy()
         start = stop

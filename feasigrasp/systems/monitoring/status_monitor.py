@@ -21,6 +21,7 @@ from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase, unmet_
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.quantities import CONFIGURATION
 from feasigrasp.models.reach.reachability import Verdict
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -164,6 +165,7 @@ class StatusMonitor(LeafSystem):
         *,
         period: float = PERIOD,
         sees_slip: bool = True,
+        arm: Arm = IIWA_7,
     ) -> None:
         """A monitor of an arm that carries ``gripper``, which closes as ``sequence`` says.
 
@@ -173,12 +175,13 @@ class StatusMonitor(LeafSystem):
             period: Time between looks [s].
             sees_slip: Whether the pose of an object in the hand is measured: a camera on the hand
                 sees too little of it, and two of three slips that it shows are none.
+            arm: The arm.
         """
         super().__init__()
-        self._sees_slip = sees_slip
+        self._sees_slip, self._arm = sees_slip, arm
         self._gripper, self._sequence = gripper, sequence or GraspSequenceConfig()
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
-        self._velocity = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
+        self._position = self.DeclareVectorInputPort("position", arm.joints)
+        self._velocity = self.DeclareVectorInputPort("desired_velocity", arm.joints)
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._tracking = declare_input(self, "tracking", kind=Tracking | None)
         self._perceived = declare_input(self, "perceived", kind=Perceived | None)
@@ -188,7 +191,7 @@ class StatusMonitor(LeafSystem):
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._faults = self.DeclareVectorInputPort("command_faults", 1)
         self._scene = declare_input(self, "scene", kind=SceneField | None)
-        self._balls = arm_balls(capsule_model(gripper))
+        self._balls = arm_balls(capsule_model(gripper, arm))
         self._touches = self.DeclareVectorInputPort("touches", 1)
         self._search_target = declare_input(self, "search_target", kind=SearchTarget | None)
         self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
@@ -288,7 +291,7 @@ class StatusMonitor(LeafSystem):
         X_WO = self._pose.Eval(context).GetAsMatrix4()
         if not np.isfinite(X_WO).all():
             return None
-        X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG)
+        X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG, self._arm)
         X_OH: Array = inverse_kernel(X_WO) @ X_WH
         return X_OH
 

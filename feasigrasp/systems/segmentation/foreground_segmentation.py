@@ -13,7 +13,6 @@ from pydrake.systems.sensors import ImageLabel16I, ImageRgba8U
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.foreground import Known, segment
 from feasigrasp.models.segmentation.modeled_bodies import (
@@ -77,7 +76,7 @@ class ForegroundSegmentation(LeafSystem):
         self._cloud = declare_input(self, "point_cloud", PointCloud())
         self._image_time = self.DeclareVectorInputPort("image_time", 1)
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        self._position = self.DeclareVectorInputPort("position", bodies.arm.joints)
         self._gripper = self.DeclareVectorInputPort("gripper_state", 2)
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
         self._tracking = declare_input(
@@ -140,6 +139,6 @@ def _compile(camera: Camera, bodies: ModeledBodies) -> None:
     points[:, 0] = np.arange(len(points)) % camera.width * 1e-3
     points[:, 1] = np.arange(len(points)) // camera.width * 1e-3
     points[:, 2] = 0.5
-    view, q = CameraView(points, np.eye(4)), np.zeros(IIWA_7.joints)
+    view, q = CameraView(points, np.eye(4)), bodies.arm.home
     kinds = bodies.kinds(view.points, view.X_WC, q, 0.0, camera.depth_noise)
     segment(view, Known(), kinds, bodies.hand(q), camera)

@@ -15,7 +15,6 @@ from pydrake.systems.sensors import ImageLabel16I, ImageRgba8U
 from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.arrays import Mask
 from feasigrasp.models.clouds.camera import Camera
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.modeled_bodies import ROBOT, UNOBSERVED, ModeledBodies
 from feasigrasp.systems.ports import declare_input, declare_output
@@ -67,7 +66,7 @@ class MaskSegmentation(LeafSystem):
         self._mask, self._camera, self._bodies = mask, camera, bodies
         self._cloud = declare_input(self, "point_cloud", PointCloud())
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        self._position = self.DeclareVectorInputPort("position", bodies.arm.joints)
         self._gripper = self.DeclareVectorInputPort("gripper_state", 2)
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
         declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))

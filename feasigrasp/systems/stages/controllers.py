@@ -14,6 +14,7 @@ from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
 from feasigrasp.models.reach.interception import InterceptionOptions
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.gripper import load_gripper
 from feasigrasp.plugins import load_plugin
 from feasigrasp.scenario.modes import added_mode
@@ -29,6 +30,7 @@ def make_reachability(scenario: Scenario) -> Reachability:
     cell, ours = scenario.cell, Reachability.table_clearance - SafetyOptions.table_clearance
     return Reachability(
         load_gripper(scenario.gripper),
+        arm=load_arm(scenario.arm),
         table_clearance=cell.table_clearance + ours,
         table_height=cell.table_height,
     )
@@ -51,11 +53,15 @@ def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> 
 def make_controller(scenario: Scenario, reachability: Reachability) -> GraspController:
     """The controller of a scenario."""
     config = scenario.control
+    arm = reachability.arm
     safety = SafetyOptions(
         period=config.period,
         speed=config.speed,
         table_height=reachability.table_height,
         table_clearance=scenario.cell.table_clearance,
+        acceleration_scale=arm.acceleration_share,
+        position_margin=arm.position_margin,
+        arm=arm,
     )
     name = parse_word(controller_names(), config.controller, "control.controller", ScenarioError)
     if name not in [*ControlSpace]:
@@ -90,4 +96,4 @@ def make_drive(scenario: Scenario) -> LeafSystem:
     mode = added_mode(config.mode)
     if mode is not None:
         return mode.make_drive(scenario)
-    return VelocityDrive(config.period, speed=config.speed)
+    return VelocityDrive(config.period, speed=config.speed, arm=load_arm(scenario.arm))

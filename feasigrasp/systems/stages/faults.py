@@ -24,7 +24,6 @@ from feasigrasp.models.faults.fault import (
     SolverFailure,
 )
 from feasigrasp.models.faults.images import CloudFault, MaskFault, View
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.controller_inputs import ControllerInputs
@@ -114,9 +113,9 @@ def faulty_mask(fault: MaskFault, label: int) -> FaultySignal:
     return FaultySignal(fault, {"label_image": ImageLabel16I(1, 1)}, change)
 
 
-def faulty_command(fault: CommandFault, seed: int = 0) -> FaultySignal:
-    """A fault of commanded joint velocities [rad/s]."""
-    return FaultySignal(fault, {"velocity": np.zeros(IIWA_7.joints)}, fault.command, seed)
+def faulty_command(fault: CommandFault, joints: int, seed: int = 0) -> FaultySignal:
+    """A fault of the commanded velocities of joints [rad/s]."""
+    return FaultySignal(fault, {"velocity": np.zeros(joints)}, fault.command, seed)
 
 
 class FaultyPose(LeafSystem):
@@ -301,7 +300,9 @@ class FaultInjection:
             fail_solver(controller, failure)
         velocity = controller.GetOutputPort("commanded_velocity")
         for number, fault in self._of(CommandFault):
-            system = faulty_command(fault, self._seed(number))
+            system = faulty_command(
+                fault, controller.GetOutputPort("commanded_velocity").size(), self._seed(number)
+            )
             velocity = self._insert(number, system, velocity=velocity)
         return velocity
 

@@ -8,6 +8,7 @@ from feasigrasp.errors import ScenarioError
 from feasigrasp.models.control.planning.static_grid import static_grid
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
+from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.gripper import load_gripper
 from feasigrasp.scenario.sampling import make_static_obstacles
@@ -31,8 +32,8 @@ def make_static_grid(scenario: Scenario) -> ObstacleGrid | None:
         obstacles += [StaticObstacle.box(name, 2.0 * h, X) for X, h in zip(X_WB, half, strict=True)]
     if not obstacles:
         return None
-    balls = arm_balls(capsule_model(load_gripper(scenario.gripper)))
-    center = balls.placed(np.deg2rad(scenario.q_start))
+    balls = arm_balls(capsule_model(load_gripper(scenario.gripper), load_arm(scenario.arm)))
+    center = balls.placed(scenario.start)
     for obstacle in obstacles:
         room = float(np.min(obstacle.distance(center) - balls.radius))
         if room < 0.0:

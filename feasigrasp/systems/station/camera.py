@@ -22,6 +22,7 @@ from pydrake.systems.sensors import (
 )
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.sensors.camera_errors import MATERIALS, CameraErrors
@@ -112,10 +113,11 @@ class NoisyDepth(LeafSystem):
 
 
 class MeasuredArm(NamedTuple):
-    """The arm that a camera is on: port of its true positions V7, and the zeros of its encoders."""
+    """The arm that a camera is on: port of its true positions, zeros of its encoders, data."""
 
     position: OutputPort
     zero: Array
+    arm: Arm
 
 
 class CalibratedPose(LeafSystem):
@@ -134,17 +136,18 @@ class CalibratedPose(LeafSystem):
     [rad], is for a camera on the arm: its pose is computed from encoders with zeros that err.
     """
 
-    def __init__(self, X_CB: Array, zero: Array) -> None:
+    def __init__(self, X_CB: Array, zero: Array, arm: Arm = IIWA_7) -> None:
         """A camera with the calibrated pose ``X_CB`` (4, 4) in its own true frame.
 
         Args:
             X_CB: See above.
-            zero: What the encoders measure at zero, shape (7,) [rad].
+            zero: What the encoders measure at zero, shape (n,) [rad].
+            arm: The arm.
         """
         super().__init__()
-        self._X_CB, self._zero = RigidTransform(X_CB), zero
+        self._X_CB, self._zero, self._arm = RigidTransform(X_CB), zero, arm
         self._pose = declare_input(self, "true_pose", RigidTransform())
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        self._position = self.DeclareVectorInputPort("position", arm.joints)
         declare_output(self, "pose", self._calc, model=RigidTransform())
 
     def _calc(self, context: Context) -> RigidTransform:
@@ -152,7 +155,9 @@ class CalibratedPose(LeafSystem):
         if not self._position.HasValue(context):
             return X_WB
         q = self._position.Eval(context)
-        flange, measured = (RigidTransform(forward_kinematics(p)) for p in (q, q + self._zero))
+        flange, measured = (
+            RigidTransform(forward_kinematics(p, None, self._arm)) for p in (q, q + self._zero)
+        )
         return measured @ flange.inverse() @ X_WB
 
 
@@ -239,7 +244,9 @@ def export_camera(
     )
     builder.Connect(depth, cloud.depth_image_input_port())
     X_CB = calibration_error(hand_eye or HandEyeError(), seed)
-    calibrated = builder.AddNamedSystem(f"{name}_calibrated_pose", CalibratedPose(X_CB, arm.zero))
+    calibrated = builder.AddNamedSystem(
+        f"{name}_calibrated_pose", CalibratedPose(X_CB, arm.zero, arm.arm)
+    )
     true_pose = sensor.body_pose_in_world_output_port()
     builder.Connect(true_pose, calibrated.GetInputPort("true_pose"))
     on_arm = config.X_PB.base_frame not in (None, "", "world")
@@ -248,9 +255,11 @@ def export_camera(
     pose = calibrated.get_output_port()
     builder.Connect(pose, cloud.camera_pose_input_port())
     if stamp is not None and position is not None:
-        true_now = builder.AddNamedSystem(f"{name}_true_pose_now", CameraPose(plant, name, config))
+        true_now = builder.AddNamedSystem(
+            f"{name}_true_pose_now", CameraPose(plant, name, config, arm.arm)
+        )
         builder.Connect(position, true_now.get_input_port())
-        now = builder.AddNamedSystem(f"{name}_pose_now", CalibratedPose(X_CB, arm.zero))
+        now = builder.AddNamedSystem(f"{name}_pose_now", CalibratedPose(X_CB, arm.zero, arm.arm))
         builder.Connect(true_now.get_output_port(), now.GetInputPort("true_pose"))
         if on_arm:
             builder.Connect(position, now.GetInputPort("position"))

@@ -31,7 +31,7 @@ def cell_boxes(config: StationConfig, models: Collection[str] | None = None) -> 
     plant.Finalize()
     context = builder.Build().CreateDefaultContext()
     query = scene_graph.get_query_output_port().Eval(scene_graph.GetMyContextFromRoot(context))
-    inspector, robot = scene_graph.model_inspector(), robot_instances(plant)
+    inspector, robot = scene_graph.model_inspector(), robot_instances(plant, config.arm)
     poses, halves = [], []
     for body in plant.GetBodiesWeldedTo(plant.world_body()):
         name = plant.GetModelInstanceName(body.model_instance())

@@ -14,8 +14,9 @@ from pydrake.systems.framework import Context
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import IIWA_7, Arm
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: A frame that is off by less is the same; rounded angles of a model file are [m], [rad]. Source:
 #: guessed.
@@ -46,6 +47,7 @@ def check_cell(
     instance = _instance(plant, arm.name)
     context = plant.CreateDefaultContext()
     q = np.where(np.arange(arm.joints) % 2, -1.0, 1.0) * np.linspace(0.4, 1.0, arm.joints)
+    q = np.clip(q, arm.lower, arm.upper)
     plant.SetPositions(context, instance, _in_plant_order(plant, instance, q, arm))
     for name, X_WL in _expected_links(q, arm):
         _compare(plant.GetFrameByName(name, instance), context, X_WL, _LINK_MEND)
@@ -54,9 +56,8 @@ def check_cell(
 
 
 _LINK_MEND = (
-    "kinematics, inverse kinematics and reachability are those of an iiwa 7 R800 whose base stands "
-    "at the world's origin: correct the directives of the cell, or write kinematics for this arm "
-    "(feasigrasp/models/robot/iiwa.py)"
+    "kinematics, inverse kinematics and reachability are those of this arm with its base at the "
+    "world's origin: correct the directives of the cell, or the scenario's arm"
 )
 _HAND_MEND = (
     "grasps are planned for the hand that ParallelGripper describes: weld "
@@ -96,12 +97,11 @@ def _expected_links(q: Array, arm: Arm) -> Iterator[tuple[str, Array]]:
     """Names and poses in the world of all links, the flange last."""
     X_WL = np.eye(4)
     yield arm.link_names[0], X_WL
-    for name, step, axis, angle in zip(
-        arm.link_names[1:], arm.link_steps, arm.joint_axes, q, strict=False
-    ):
-        X_WL = X_WL @ se3.make_pose(se3.so3_exp(angle * axis), np.array([0.0, 0.0, step]))
+    steps = np.diff(arm.points, axis=0, prepend=np.zeros((1, 3)))
+    for name, step, axis, angle in zip(arm.link_names[1:], steps, arm.axes, q, strict=True):
+        X_WL = X_WL @ se3.make_pose(se3.so3_exp(angle * axis), step)
         yield name, X_WL
-    yield f"{arm.name}_flange", X_WL @ se3.make_pose(np.eye(3), [0.0, 0.0, arm.link_steps[-1]])
+    yield f"{arm.name}_flange", X_WL @ arm.X_LF
 
 
 def _compare(frame: Frame, context: Context, X_WE: Array, mend: str) -> None:
@@ -121,11 +121,13 @@ def _check_limits(plant: MultibodyPlant, instance: ModelInstanceIndex, arm: Arm)
     limit_tolerance = 1e-3
     for i, name in enumerate(arm.joint_names):
         joint = plant.GetJointByName(name, instance)
-        ours = arm.position_limits[i]
-        for theirs in (-joint.position_lower_limits()[0], joint.position_upper_limits()[0]):
-            if np.isfinite(theirs) and abs(theirs - ours) > limit_tolerance * ours:
+        for theirs, ours, what in (
+            (joint.position_lower_limits()[0], arm.lower[i], "from"),
+            (joint.position_upper_limits()[0], arm.upper[i], "to"),
+        ):
+            if np.isfinite(theirs) and abs(theirs - ours) > limit_tolerance * abs(ours):
                 raise ScenarioError(
-                    f"{name} of the cell turns {np.rad2deg(theirs):.2f} degrees at most, "
+                    f"{name} of the cell turns {what} {np.rad2deg(theirs):.2f} degrees, "
                     f"{np.rad2deg(ours):.2f} are expected; {_LINK_MEND}"
                 )
         actuator = plant.GetJointActuatorByName(name, instance)
@@ -142,8 +144,8 @@ def _check_limits(plant: MultibodyPlant, instance: ModelInstanceIndex, arm: Arm)
             if theirs < (1.0 - limit_tolerance) * ours:
                 raise ScenarioError(
                     f"{name} of the cell has a {what} limit of {theirs:.4g} {unit}, motions are "
-                    f"planned with {ours:.4g}; lower it in feasigrasp/models/robot/iiwa.py, or "
-                    "raise it in the model"
+                    f"planned with {ours:.4g}; lower it in the scenario's arm, or raise it in the "
+                    "model"
                 )
 
 

@@ -27,6 +27,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.distractor_bodies import DistractorBody
 from feasigrasp.models.objects.spring_drive import CarrierHold
 from feasigrasp.models.quantities import CONFIGURATION, POSE, NotNegative, Whole
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.sensors.depth_noise import DepthNoise
@@ -37,13 +38,6 @@ from feasigrasp.scenario.cell import CarrierConfig
 from feasigrasp.scenario.schema import ObjectConfig
 from feasigrasp.systems.station.directives import loading
 
-#: Gains of the joints' PD controllers, from the base to the flange [Nm/rad], [Nm s/rad]. The second
-#: are 1500 /s times a joint's largest inertia, 600 /s at the wrist, whose torques would come near
-#: their limits: the arm follows a commanded velocity within 2 ms, like the drives of a real one,
-#: and its acceleration exceeds the commanded one by no more than `Arm.acceleration_share` leaves.
-#: Source: reasoned.
-ARM_KP = np.array([6000.0, 6000.0, 3000.0, 3000.0, 800.0, 500.0, 300.0])
-ARM_KD = np.array([9500.0, 13400.0, 6200.0, 4100.0, 860.0, 860.0, 830.0])
 #: The gripper's position controller [N/m]: saturates at the finger's effort limit when squeezing.
 #: Source: guessed.
 FINGER_KP, FINGER_KD = 3000.0, 60.0
@@ -55,7 +49,8 @@ class StationConfig:
 
     Attributes:
         plant: Drake's plant settings.
-        directives: Model directives with model instances ``iiwa`` and ``gripper``.
+        directives: Model directives with model instances of the arm's name and ``gripper``.
+        arm: The arm.
         gripper: The hand that they have.
         cameras: Cameras by name.
         q_start: Joint positions at the start [rad], shape (7,).
@@ -80,6 +75,7 @@ class StationConfig:
     directives: list[ModelDirective] = field(default_factory=list)
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
+    arm: Arm = IIWA_7
     q_start: Annotated[np.ndarray, CONFIGURATION] = field(
         default_factory=lambda: np.zeros(IIWA_7.joints)
     )
@@ -115,10 +111,11 @@ def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
     with loading():
         directives = _with_hand_error(config, parser.package_map())
         ProcessModelDirectives(directives, plant, parser)
-    iiwa = plant.GetModelInstanceByName("iiwa")
-    for name, kp, kd, q in zip(IIWA_7.joint_names, ARM_KP, ARM_KD, config.q_start, strict=True):
-        joint = plant.GetJointByName(name, iiwa)
-        actuator = plant.GetJointActuatorByName(name, iiwa)
+    arm = config.arm
+    instance = plant.GetModelInstanceByName(arm.name)
+    for name, kp, kd, q in zip(arm.joint_names, arm.kp, arm.kd, config.q_start, strict=True):
+        joint = plant.GetJointByName(name, instance)
+        actuator = plant.GetJointActuatorByName(name, instance)
         actuator.set_controller_gains(PdControllerGains(p=kp, d=kd))
         joint.set_default_positions([q])
         if not config.enforce_constraints:
@@ -135,7 +132,7 @@ def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
         # just touch them make the contact solver give up when the whole cell is at rest.
         joint.set_position_limits(lower, upper + 5e-5)
     # The real arm compensates its own weight and its tool's.
-    for instance in robot_instances(plant):
+    for instance in robot_instances(plant, arm):
         plant.set_gravity_enabled(instance, False)
 
 
@@ -155,7 +152,7 @@ def _with_hand_error(config: StationConfig, packages: PackageMap) -> ModelDirect
     return directives
 
 
-def robot_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
+def robot_instances(plant: MultibodyPlant, arm: Arm) -> list[ModelInstanceIndex]:
     """Model instances of the arm and its attachments."""
-    names = filter(plant.HasModelInstanceNamed, ("iiwa", "gripper", "camera"))
+    names = filter(plant.HasModelInstanceNamed, (arm.name, "gripper", "camera"))
     return [plant.GetModelInstanceByName(name) for name in names]

@@ -12,6 +12,7 @@ from pathlib import Path
 from pydrake.common.schema import Transform
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import (
+    AddDirectives,
     AddModel,
     AddWeld,
     FlattenModelDirectives,
@@ -23,8 +24,12 @@ from pydrake.multibody.parsing import (
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.choices import nearest
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
+from feasigrasp.models.robot.arm import Arm
+from feasigrasp.models.robot.arm_file import load_arm
+from feasigrasp.models.robot.arm_model import arm_urdf
 from feasigrasp.models.robot.gripper import PACKAGED, ParallelGripper, load_gripper
 from feasigrasp.models.robot.hand_model import camera_pose, hand_files
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
 from feasigrasp.scenario.sampling import make_static_obstacles
 from feasigrasp.scenario.schema import Scenario
@@ -43,8 +48,9 @@ def cell_directives(scenario: Scenario) -> list[ModelDirective]:
         ScenarioError: The directives have the table at another height than `CellConfig`.
     """
     height, other_hand = scenario.cell.table_height, scenario.gripper != PACKAGED
-    flat = _flat(scenario)
-    directives: list[ModelDirective] = flat if other_hand or height != 0.0 else scenario.directives
+    arm, flat = load_arm(scenario.arm), _flat(scenario)
+    changed = other_hand or height != 0.0 or arm is not IIWA_7
+    directives: list[ModelDirective] = flat if changed else scenario.directives
     for each in directives if other_hand else ():
         gripper = load_gripper(scenario.gripper)
         if each.add_model is not None and each.add_model.name == "gripper":
@@ -75,7 +81,11 @@ def modeled_bodies(scenario: Scenario) -> list[str]:
         ScenarioError: `CellConfig.unmodeled` has another name.
     """
     names = [each.add_model.name for each in _flat(scenario) if each.add_model is not None]
-    names = [name for name in names if name not in ("iiwa", "gripper", "camera", "table")]
+    names = [
+        name
+        for name in names
+        if name not in (load_arm(scenario.arm).name, "gripper", "camera", "table")
+    ]
     for name in scenario.cell.unmodeled:
         if name not in names:
             raise ScenarioError(
@@ -102,11 +112,33 @@ def loading() -> Iterator[None]:
 
 
 def _flat(scenario: Scenario) -> list[ModelDirective]:
+    """All directives, with the model of the scenario's arm in the place of the iiwa."""
+    return _with_arm(scenario.directives, load_arm(scenario.arm))
+
+
+def packaged_cell(arm: Arm) -> list[ModelDirective]:
+    """The directives of the packaged cell with another arm."""
+    file = AddDirectives(file="package://feasigrasp/iiwa/cell.dmd.yaml")
+    return _with_arm([ModelDirective(add_directives=file)], arm)
+
+
+def _with_arm(given: list[ModelDirective], arm: Arm) -> list[ModelDirective]:
     packages = PackageMap()
     packages.AddPackageXml(str(model_path("package.xml")))
-    given = ModelDirectives(directives=scenario.directives)
     with loading():
-        return list(FlattenModelDirectives(given, packages).directives)
+        flat = FlattenModelDirectives(ModelDirectives(directives=given), packages)
+        directives = list(flat.directives)
+    if arm is IIWA_7:
+        return directives
+    file = _folder({f"{arm.name}.urdf": arm_urdf(arm)}) / f"{arm.name}.urdf"
+    ours, theirs = f"{arm.name}::{arm.name}_", f"{IIWA_7.name}::{IIWA_7.name}_"
+    for each in directives:
+        if each.add_model is not None and each.add_model.name == IIWA_7.name:
+            each.add_model = AddModel(name=arm.name, file=file.as_uri())
+        if each.add_weld is not None:
+            each.add_weld.parent = each.add_weld.parent.replace(theirs, ours)
+            each.add_weld.child = each.add_weld.child.replace(theirs, ours)
+    return directives
 
 
 def _obstacle(obstacle: StaticObstacle) -> list[ModelDirective]:

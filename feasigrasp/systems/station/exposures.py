@@ -21,7 +21,7 @@ from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.systems.ports import declare_input, declare_output, weakly
 
@@ -178,15 +178,15 @@ class CameraPose(LeafSystem):
     ``position`` is V7 [rad], ``pose`` X_WC a ``RigidTransform``, as the camera is calibrated.
     """
 
-    def __init__(self, plant: MultibodyPlant, name: str, camera: CameraConfig) -> None:
-        """A camera by its name, on a frame of the plant.
+    def __init__(self, plant: MultibodyPlant, name: str, camera: CameraConfig, arm: Arm) -> None:
+        """A camera by its name, on a frame of the plant, in which the arm is.
 
         Raises:
             ScenarioError: It is mounted neither on the flange nor in the world.
         """
         super().__init__()
         frame = GetScopedFrameByName(plant, camera.X_PB.base_frame or "world")
-        flange = plant.GetFrameByName("iiwa_flange")
+        flange = plant.GetFrameByName(f"{arm.name}_flange")
         self._on_arm = frame.body() in plant.GetBodiesWeldedTo(flange.body())
         if not self._on_arm and frame.body() not in plant.GetBodiesWeldedTo(plant.world_body()):
             raise ScenarioError(
@@ -197,8 +197,9 @@ class CameraPose(LeafSystem):
         context = plant.CreateDefaultContext()
         X_PB = RigidTransform(camera.X_PB.GetDeterministicValue())
         X_BP = frame.CalcPose(context, base)
+        self._arm = arm
         self._X_BC: Array = (X_BP @ X_PB).GetAsMatrix4()
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        self._position = self.DeclareVectorInputPort("position", arm.joints)
         ticket = {self._position.ticket()}
         declare_output(self, "pose", self._calc, ticket, model=RigidTransform())
 
@@ -206,4 +207,4 @@ class CameraPose(LeafSystem):
         if not self._on_arm:
             return RigidTransform(self._X_BC)
         q = self._position.Eval(context)
-        return RigidTransform(forward_kinematics(np.array(q), self._X_BC))
+        return RigidTransform(forward_kinematics(np.array(q), self._X_BC, self._arm))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.sensors.joint_errors import DrawnJointErrors
 from feasigrasp.systems.ports import weakly
 
@@ -34,7 +33,7 @@ class JointSensors(LeafSystem):
     def __init__(self, errors: DrawnJointErrors) -> None:
         """The sensors of one arm."""
         super().__init__()
-        self._errors, n = errors, IIWA_7.joints
+        self._errors, n = errors, len(errors.zero)
         self._position = self.DeclareVectorInputPort("position", n)
         self._torque = self.DeclareVectorInputPort("torque_external", n)
         self._desired = self.DeclareVectorInputPort("desired_state", 2 * n)
@@ -54,5 +53,5 @@ class JointSensors(LeafSystem):
         output.SetFromVector(self._errors.torque(torque, q, context.get_time()))
 
     def _calc_desired(self, context: Context, output) -> None:
-        zero = np.concatenate([self._errors.zero, np.zeros(IIWA_7.joints)])
+        zero = np.concatenate([self._errors.zero, np.zeros_like(self._errors.zero)])
         output.SetFromVector(self._desired.Eval(context) - zero)

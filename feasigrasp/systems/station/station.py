@@ -22,7 +22,6 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.objects.spring_drive import body_pose_kernel
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.sensors.joint_errors import DrawnJointErrors
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.camera import MeasuredArm, SeenObject, export_camera
@@ -133,6 +132,7 @@ class Station(Diagram):
         self._files = tempfile.TemporaryDirectory(prefix="feasigrasp-")
         builder = DiagramBuilder()
         self.plant, self.scene_graph = AddMultibodyPlant(config.plant, builder)
+        self.arm = config.arm
         plant = self.plant
         self.object_instance = self._add_models(plant, config, obj)
         self._gripper = plant.GetModelInstanceByName("gripper")
@@ -141,14 +141,14 @@ class Station(Diagram):
         plant.Finalize()
         self._let_robot_pass(config)
 
-        joints = DrawnJointErrors(config.joint_errors, IIWA_7.effort_limits, config.noise_seed)
+        joints = DrawnJointErrors(config.joint_errors, config.arm.effort_limits, config.noise_seed)
         position = self._export_arm(builder, joints)
         self._export_gripper(builder)
         object_pose = self._export_object(builder, motion, config)
         self._show_distractor_bodies(builder, config, self.scene_graph, "distractor_bodies")
         if config.cameras:
             seen = SeenObject(self.object_label, obj.material, object_pose)
-            arm = MeasuredArm(position, joints.zero)
+            arm = MeasuredArm(position, joints.zero, config.arm)
             self._export_cameras(builder, config, obj, seen, arm)
         builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
@@ -172,7 +172,7 @@ class Station(Diagram):
 
     def robot_instances(self) -> list[ModelInstanceIndex]:
         """Model instances of the arm and its attachments."""
-        return robot_instances(self.plant)
+        return robot_instances(self.plant, self.arm)
 
     def contact_friction(self) -> float:
         """The Coulomb friction of contacts between gripper and object."""
@@ -203,14 +203,14 @@ class Station(Diagram):
 
     def _export_arm(self, builder: DiagramBuilder, errors: DrawnJointErrors) -> OutputPort:
         """Exports the arm; returns the port of its true positions."""
-        plant, iiwa = self.plant, self.plant.GetModelInstanceByName("iiwa")
+        plant, iiwa = self.plant, self.plant.GetModelInstanceByName(self.arm.name)
         sensors = builder.AddNamedSystem("joint_sensors", JointSensors(errors))
         builder.ExportInput(sensors.GetInputPort("desired_state"), "iiwa.desired_state")
         builder.Connect(
             sensors.GetOutputPort("true_desired_state"), plant.get_desired_state_input_port(iiwa)
         )
         state = plant.get_state_output_port(iiwa)
-        position = builder.AddNamedSystem("iiwa_position", Demultiplexer([IIWA_7.joints] * 2))
+        position = builder.AddNamedSystem("iiwa_position", Demultiplexer([self.arm.joints] * 2))
         builder.Connect(state, position.get_input_port())
         builder.Connect(position.get_output_port(0), sensors.GetInputPort("position"))
         builder.ExportOutput(sensors.GetOutputPort("position_measured"), "iiwa.position_measured")
@@ -349,8 +349,8 @@ class Station(Diagram):
                 timing,
                 (state, start),
                 (object_state, plant.GetPositionsAndVelocities(context, self.object_instance)),
-                (arm.position, np.zeros(IIWA_7.joints)),
-                (sensors.GetOutputPort("position_measured"), np.zeros(IIWA_7.joints)),
+                (arm.position, np.zeros(config.arm.joints)),
+                (sensors.GetOutputPort("position_measured"), np.zeros(config.arm.joints)),
                 (fingers.get_output_port(), np.zeros(2)),
             )
             pose = builder.AddNamedSystem(f"exposed_object{number}", _BodyState())

@@ -4,7 +4,6 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from feasigrasp.models.robot.capsules import BODY_PAIRS, arm_capsules
 from feasigrasp.models.robot.iiwa import IIWA_7
 from generator import urdf as xml
 
@@ -43,7 +42,7 @@ def _link(robot: ET.Element, index: int, height: float) -> None:
     mass, com, inertia = INERTIAS[index]
     xml.inertial(link, mass, np.subtract(com, (0.0, 0.0, height)), inertia)
     xml.visual_mesh(link, xml.packaged_mesh(f"link_{index}.gltf"))
-    own = [capsule for capsule in arm_capsules() if capsule.body == index]
+    own = [capsule for capsule in IIWA_7.capsules if capsule.body == index]
     for k, capsule in enumerate(own):
         a, b = np.array(capsule.a), np.array(capsule.b)
         x, y, z = b - a
@@ -61,7 +60,7 @@ def _joint(robot: ET.Element, i: int, step: float) -> None:
     ET.SubElement(joint, "parent", link=IIWA_7.link_names[i])
     ET.SubElement(joint, "child", link=IIWA_7.link_names[i + 1])
     xml.origin(joint, (0.0, 0.0, step))
-    ET.SubElement(joint, "axis", xyz=xml.numbers(IIWA_7.joint_axes[i]))
+    ET.SubElement(joint, "axis", xyz=xml.numbers(IIWA_7.axes[i]))
     limit = {
         "lower": -IIWA_7.position_limits[i],
         "upper": IIWA_7.position_limits[i],
@@ -77,13 +76,13 @@ def arm_urdf() -> str:
     """Text of iiwa7.urdf: base frame ``iiwa_link_0``, tool frame ``iiwa_flange``."""
     robot = ET.Element("robot", name="iiwa7")
     links = IIWA_7.link_names
-    for index, height in enumerate([0.0, *IIWA_7.joint_heights]):
+    for index, height in enumerate([0.0, *IIWA_7.points[:, 2].tolist()]):
         _link(robot, index, height)
     for i in range(IIWA_7.joints):
         _joint(robot, i, IIWA_7.link_steps[i])
     xml.frame(robot, "iiwa_flange", links[-1], (0.0, 0.0, IIWA_7.link_steps[-1]))
     for low, link in enumerate(links):
         others = range(low + 1, len(links))
-        apart = [f"group_link_{high}" for high in others if (low, high) not in BODY_PAIRS]
+        apart = [f"group_link_{high}" for high in others if (low, high) not in IIWA_7.pairs]
         xml.collision_filter(robot, f"group_link_{low}", [link], apart)
     return xml.document(robot)

@@ -107,7 +107,7 @@ def test_targets_end_at_the_flange():
         features_kernel(target, joint, features, azimuth)
         turn_kernel(target, joint, q[:, joint].copy())
     expected = np.eye(4)[:3]
-    expected[2, 3] = IIWA_7.flange_height - IIWA_7.joint_heights[-1]
+    expected[2, 3] = IIWA_7.link_steps[-1]
     np.testing.assert_allclose(target, np.broadcast_to(expected, (20, 3, 4)), atol=1e-12)
 
 

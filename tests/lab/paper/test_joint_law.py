@@ -81,7 +81,7 @@ def field(solutions, X, length_scale):
     nodes = np.empty((len(solutions), 7))
     for k, node in enumerate(nodes):
         flange_pose_kernel(X, solutions.X_OG[k], 0.0, X_GF, X_WF)
-        assert solve_kernel(X_WF, solutions.branch[k], solutions.arm_angle[k], node)
+        assert solve_kernel(IIWA_7.chain, X_WF, solutions.branch[k], solutions.arm_angle[k], node)
     limits = IIWA_7.position_limits - IIWA_7.position_margin
     nodes = nodes[(np.abs(nodes) <= limits).all(axis=1)]
 

@@ -65,7 +65,9 @@ class Run:
         q = np.empty((len(solutions), 7))
         for k in range(len(q)):
             flange_pose_kernel(self.X_WO, solutions.X_OG[k], 0.0, X_GF, X_WF)
-            assert solve_kernel(X_WF, solutions.branch[k], solutions.arm_angle[k], q[k])
+            assert solve_kernel(
+                IIWA_7.chain, X_WF, solutions.branch[k], solutions.arm_angle[k], q[k]
+            )
         return q
 
 

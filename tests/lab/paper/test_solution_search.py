@@ -48,7 +48,7 @@ def configurations(solutions, X_WO):
     q, X_WF, X_GF = np.empty((len(solutions), 7)), np.empty((4, 4)), se3.inverse(X_FG)
     for k in range(len(q)):
         flange_pose_kernel(X_WO, solutions.X_OG[k], 0.0, X_GF, X_WF)
-        assert solve_kernel(X_WF, solutions.branch[k], solutions.arm_angle[k], q[k])
+        assert solve_kernel(IIWA_7.chain, X_WF, solutions.branch[k], solutions.arm_angle[k], q[k])
     return q
 
 
@@ -60,7 +60,7 @@ def test_solutions_reach_their_grasps_and_are_admissible(ring_of_grasps, find):
     assert len(found) > 10
     assert (matches(found.X_OG, X_OG) >= 0).all()
     assert REACHABILITY.admissible(q).all()
-    np.testing.assert_array_equal([branch_kernel(one) for one in q], found.branch)
+    np.testing.assert_array_equal([branch_kernel(IIWA_7.chain, one) for one in q], found.branch)
     np.testing.assert_allclose(forward_kinematics(q, X_FG), X_WO @ found.X_OG, atol=2e-3)
     # Those of one grasp are apart.
     for X in X_OG[:5]:
@@ -118,7 +118,7 @@ def moved_configurations(solutions, X_WO):
     q, X_WF, X_GF = np.full((len(solutions), 7), np.nan), np.empty((4, 4)), se3.inverse(X_FG)
     for k in range(len(q)):
         flange_pose_kernel(X_WO, solutions.X_OG[k], 0.0, X_GF, X_WF)
-        solve_kernel(X_WF, solutions.branch[k], solutions.arm_angle[k], q[k])
+        solve_kernel(IIWA_7.chain, X_WF, solutions.branch[k], solutions.arm_angle[k], q[k])
     return q
 
 

@@ -21,14 +21,14 @@ X_GF = se3.inverse(X_FG)
 
 
 def branches_of(q):
-    return np.array([branch_kernel(one) for one in q])
+    return np.array([branch_kernel(IIWA_7.chain, one) for one in q])
 
 
 def solutions_at(q, X_WO):
     """Solutions whose configurations are ``q`` (n, 7) while the object is at ``X_WO``."""
     n = len(q)
     X_OG = se3.inverse(X_WO) @ forward_kinematics(q, X_FG)
-    arm_angle = np.array([arm_angle_kernel(one) for one in q])
+    arm_angle = np.array([arm_angle_kernel(IIWA_7.chain, one) for one in q])
     return Solutions(X_OG, branches_of(q), arm_angle, np.zeros((n, 2)), np.array([0.1, 0.0]))
 
 
@@ -86,10 +86,10 @@ def test_their_velocity_is_that_of_the_jacobian_at_a_fixed_arm_angle(seed):
     V_WF = V_WO.copy()
     V_WF[3:] += np.cross(V_WO[:3], X_WF[:3, 3] - p_WO)
     qd, moved = np.empty(7), np.eye(4)
-    branch, psi = branch_kernel(q), arm_angle_kernel(q)
+    branch, psi = branch_kernel(IIWA_7.chain, q), arm_angle_kernel(IIWA_7.chain, q)
     assert candidate_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, q, moved, qd)
     np.testing.assert_allclose(J @ qd, V_WF, atol=1e-3)
-    ahead, behind = (arm_angle_kernel(q + sign * 1e-6 * qd) for sign in (1, -1))
+    ahead, behind = (arm_angle_kernel(IIWA_7.chain, q + sign * 1e-6 * qd) for sign in (1, -1))
     assert (ahead - behind) / 2e-6 == pytest.approx(0.0, abs=1e-3)
 
 

@@ -74,7 +74,7 @@ def test_the_arm_is_at_a_grasp_at_once():
 
     q, rest = np.split(output("drive", "desired_state"), 2)
     np.testing.assert_array_equal(rest, 0.0)
-    assert np.abs(q - np.deg2rad(scenario.q_start)).max() > 0.05
+    assert np.abs(q - scenario.start).max() > 0.05
     X_WG = forward_kinematics(q, X_FG)
     X_WO = output("sequencer", "object_pose").GetAsMatrix4()
     at = np.linalg.norm(X_WO @ output("sequencer", "grasps").X_OG - X_WG, axis=(1, 2))

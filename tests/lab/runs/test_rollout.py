@@ -44,7 +44,7 @@ def test_the_arm_goes_exactly_where_a_steady_command_takes_it():
     dv = IIWA_7.acceleration_share * IIWA_7.acceleration_limits * period
     steps = np.arange(1, len(rollout.states))[:, None]
     qd = np.sign(SPEED) * np.minimum(np.abs(SPEED), steps * dv)
-    q = np.deg2rad(config.q_start) + period * np.cumsum(qd, axis=0)
+    q = config.start + period * np.cumsum(qd, axis=0)
     np.testing.assert_allclose(rollout.states[1:, IIWA_7.joints :], qd, atol=1e-12)
     np.testing.assert_allclose(rollout.states[1:, : IIWA_7.joints], q, atol=1e-12)
     assert rollout.metrics["no_grasp_percent"] == 100.0

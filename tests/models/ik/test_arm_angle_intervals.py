@@ -40,8 +40,10 @@ def arm_angle_intervals(X_WF, margin=0.0):
 
     An interval starts in [-pi, pi) and may end beyond pi; (-pi, pi) is the whole circle.
     """
-    segments = make_segments(float(margin))
-    count = segments_kernel(self_motion_kernel(np.ascontiguousarray(X_WF, dtype=float)), segments)
+    segments = make_segments(IIWA_7.chain, float(margin))
+    count = segments_kernel(
+        self_motion_kernel(IIWA_7.chain, np.ascontiguousarray(X_WF, dtype=float)), segments
+    )
     found = []
     for branch in range(8):
         inside = (segments.branches[:count] >> branch) & 1 == 1

@@ -29,14 +29,14 @@ def nearest_inside_limits(poses, near, psis, margin=0.0):
         redundancy_samples_kernel(np.asarray(psis, dtype=float), np.nan),
         np.empty(7),
     )
-    for n, circle in enumerate(map(self_motion_kernel, poses)):
+    for n, circle in enumerate(self_motion_kernel(IIWA_7.chain, X) for X in poses):
         if not circle.reached:
             continue
-        travel_times_kernel(circle, near, margin, samples)
+        travel_times_kernel(IIWA_7.chain, circle, near, margin, samples)
         while next_nearest_kernel(circle, samples, candidate) < np.inf:
             # Angles next to a singularity are rough until the configuration is written.
-            if inside_limits_kernel(candidate, margin):
-                found[n], times[n] = candidate, travel_time_kernel(candidate, near)
+            if inside_limits_kernel(IIWA_7.chain, candidate, margin):
+                found[n], times[n] = candidate, travel_time_kernel(IIWA_7.chain, candidate, near)
                 break
     return found, times
 
@@ -253,14 +253,14 @@ def test_fast_atan2():
 
 def test_inside_limits():
     margin = 0.1
-    assert inside_limits_kernel(IIWA_7.position_limits - 0.11, margin)
-    assert inside_limits_kernel(-IIWA_7.position_limits + 0.11, margin)
+    assert inside_limits_kernel(IIWA_7.chain, IIWA_7.position_limits - 0.11, margin)
+    assert inside_limits_kernel(IIWA_7.chain, -IIWA_7.position_limits + 0.11, margin)
     for joint in range(7):
         for sign in (-1, 1):
             q = np.zeros(7)
             q[joint] = sign * (IIWA_7.position_limits[joint] - 0.09)
-            assert not inside_limits_kernel(q, margin)
-            assert inside_limits_kernel(q, 0.0)
+            assert not inside_limits_kernel(IIWA_7.chain, q, margin)
+            assert inside_limits_kernel(IIWA_7.chain, q, 0.0)
 
 
 def test_travel_time_is_that_of_the_slowest_joint():
@@ -269,6 +269,6 @@ def test_travel_time_is_that_of_the_slowest_joint():
         other = q.copy()
         other[joint] += 0.5 * IIWA_7.velocity_limits[joint]
         other[(joint + 1) % 7] -= 0.1 * IIWA_7.velocity_limits[(joint + 1) % 7]
-        assert travel_time_kernel(q, other) == pytest.approx(0.5)
-        assert travel_time_kernel(other, q) == pytest.approx(0.5)
-    assert travel_time_kernel(q, q) == 0.0
+        assert travel_time_kernel(IIWA_7.chain, q, other) == pytest.approx(0.5)
+        assert travel_time_kernel(IIWA_7.chain, other, q) == pytest.approx(0.5)
+    assert travel_time_kernel(IIWA_7.chain, q, q) == 0.0

@@ -120,10 +120,10 @@ def test_kernels_equal_the_batch():
     measured = manipulability(Q)
     for k, q in enumerate(Q):
         X_k, J_k = np.empty((4, 4)), np.empty((6, 7))
-        pose_jacobian_kernel(q, X_FT, X_k, J_k)
+        pose_jacobian_kernel(IIWA_7.chain, q, X_FT, X_k, J_k)
         np.testing.assert_allclose(X_k, X[k], rtol=0, atol=1e-15)
         np.testing.assert_allclose(J_k, J[k], rtol=0, atol=1e-15)
-        assert manipulability_kernel(q) == pytest.approx(measured[k], rel=1e-12)
+        assert manipulability_kernel(IIWA_7.chain, q) == pytest.approx(measured[k], rel=1e-12)
 
 
 def test_a_whole_turn_changes_nothing():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
-from feasigrasp.models.robot.capsule_kernels import LINKS, link_poses_kernel
-from feasigrasp.models.robot.capsules import arm_capsules, body_pairs_of, hand_capsules
+from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
+from feasigrasp.models.robot.capsules import body_pairs_of, hand_capsules
 from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 
@@ -24,7 +24,7 @@ def a_hand(seed):
 
 def segments(hand):
     """Samples of the capsules of links 0 to 5 and of the hand: link, point and radius each."""
-    arm = [c for c in arm_capsules() if c.body <= 5]
+    arm = [c for c in IIWA_7.capsules if c.body <= 5]
     share = np.linspace(0.0, 1.0, 9)[:, None]
     for capsules in (arm, hand_capsules(hand)):
         yield (
@@ -36,8 +36,8 @@ def segments(hand):
 
 def distance(q, arm, hand):
     """Least distance of the samples [m]; at most 5 mm more than that of the capsules."""
-    R, origin = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
-    link_poses_kernel(q, R, origin)
+    R, origin = np.empty((8, 3, 3)), np.empty((8, 3))
+    link_poses_kernel(IIWA_7.chain, q, R, origin)
     at = [np.einsum("kij,kj->ki", R[k], p) + origin[k] for k, p, _ in (arm, hand)]
     apart = np.linalg.norm(at[0][:, None] - at[1][None], axis=2)
     return (apart - arm[2][:, None] - hand[2][None]).min()

@@ -96,13 +96,21 @@ def all_rows(q, grid, bound=1e6):
     balls = arm_balls(model)
     most = len(model.pairs) + 2 * len(model.movers) + len(balls.link)
     rows, bounds = np.empty((most + 1, 7)), np.empty(most + 1)
-    geometry = (model.link, model.ends, model.radius, model.pairs, model.movers, *balls)
+    geometry = (
+        model.chain,
+        model.link,
+        model.ends,
+        model.radius,
+        model.pairs,
+        model.movers,
+        *balls[1:],
+    )
     body = Body(*geometry, np.empty((0, 3)))
     wide = np.full(7, bound)
     options = SafetyOptions(clearance=0.0, obstacle_clearance=0.0, approach_gain=1.0)
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
-    link_poses_kernel(q, R, p)
-    arm = ArmState(R, p, -wide, wide)
+    link_poses_kernel(IIWA_7.chain, q, R, p)
+    arm = ArmState(IIWA_7.chain, R, p, -wide, wide)
     m = rows_kernel(arm, record(options)[0], body, grid.values, grid.frame, rows, bounds)
     return rows[:m], -bounds[:m]
 
@@ -136,7 +144,7 @@ def test_rows_agree_with_the_scene_field(box, grid):
     for _ in range(10):
         q = HOME + rng.uniform(-0.6, 0.6, 7)
         R, p = np.empty((8, 3, 3)), np.empty((8, 3))
-        link_poses_kernel(q, R, p)
+        link_poses_kernel(IIWA_7.chain, q, R, p)
         center = np.einsum("kij,kj->ki", R[balls.link], balls.center) + p[balls.link]
         expected = box.distance(center) - balls.radius
         near = (expected > 0.0) & (expected < 0.19)

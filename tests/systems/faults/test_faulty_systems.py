@@ -224,7 +224,7 @@ def test_commands_are_faulty_for_so_long_only(fixed_context):
         (CommandNan(**WINDOW), lambda v: np.isnan(v).all()),
         (CommandWild(**WINDOW), lambda v: (np.abs(v) == 1e6).all()),
     ):
-        dut = faulty_command(fault)
+        dut = faulty_command(fault, 7)
         context = fixed_context(dut, velocity=qd)
         for t in (0.0, 0.999, 2.0):
             context.SetTime(t)
@@ -290,4 +290,4 @@ def test_a_solver_that_gives_up_brakes_the_arm_within_its_limits(controller):
 def test_a_controller_without_a_solver_cannot_have_one_that_fails():
     faulty = scenario("{faults: [!SolverFailure {}]}")
     with pytest.raises(ScenarioError, match="FaultySignal has no solver"):
-        FaultInjection(DiagramBuilder(), faulty).command(faulty_command(CommandNan()))
+        FaultInjection(DiagramBuilder(), faulty).command(faulty_command(CommandNan(), 7))

@@ -25,7 +25,7 @@ def cell(faults, hold):
     station = make_station(scenario)
     simulator = Simulator(station)
     context = simulator.get_mutable_context()
-    state = np.concatenate([np.deg2rad(scenario.q_start), np.zeros(7)])
+    state = np.concatenate([scenario.start, np.zeros(7)])
     station.GetInputPort("iiwa.desired_state").FixValue(context, state)
     station.GetInputPort("gripper.position").FixValue(context, [0.085])
     station.GetInputPort("object.hold").FixValue(context, [float(hold)])

@@ -222,7 +222,7 @@ def mount(text):
     bus = DrakeLcm("memq://")
     behind = HardwareStation(scenario, bus, bus).GetSubsystemByName("wrist_camera_pose")
     context = behind.CreateDefaultContext()
-    behind.get_input_port().FixValue(context, np.deg2rad(scenario.q_start))
+    behind.get_input_port().FixValue(context, scenario.start)
     return X_WC, behind.get_output_port().Eval(context)
 
 

@@ -16,7 +16,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
-from feasigrasp.systems.monitoring.run_log import FIELDS, RunLog, add_run_log, read_run_log
+from feasigrasp.systems.monitoring.run_log import RunLog, add_run_log, fields, read_run_log
 from tests.pipeline import scenario
 
 PAGE = Path(__file__).parents[3] / "docs/results_schema.md"
@@ -42,7 +42,7 @@ def test_the_documentation_defines_every_array():
     shapes = {}
     for _, names, shape, *_ in rows:
         shapes |= dict.fromkeys(re.findall(r"`(\w+)`", names), shape.strip())
-    shown = {name: f"(n, {', '.join(map(str, shape))})" for name, shape in FIELDS.items()}
+    shown = {name: f"(n, {', '.join(map(str, shape))})" for name, shape in fields(7).items()}
     assert shapes == {"time": "(n,)"} | {
         name: "(n,)" if shape == "(n, 1)" else shape for name, shape in shown.items()
     }
@@ -52,7 +52,7 @@ def test_it_has_a_sample_for_every_tick_of_the_control(logged):
     log = logged[2]
     np.testing.assert_allclose(log["time"], np.arange(241) * 0.005, atol=1e-9)
     assert {name: array.shape for name, array in log.items() if name != "time"} == {
-        name: (241, *(() if shape == (1,) else shape)) for name, shape in FIELDS.items()
+        name: (241, *(() if shape == (1,) else shape)) for name, shape in fields(7).items()
     }
     assert not [name for name, array in log.items() if array.dtype.hasobject]
 

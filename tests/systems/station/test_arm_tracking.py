@@ -14,7 +14,7 @@ from feasigrasp.resources import diagram_path
 from feasigrasp.runs.metrics.motion_limits import WINDOW, true_accelerations
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_motion
-from feasigrasp.systems.station.cell_models import ARM_KD, ARM_KP, StationConfig
+from feasigrasp.systems.station.cell_models import StationConfig
 from feasigrasp.systems.station.station import Station
 
 SPEED = 0.8
@@ -86,8 +86,8 @@ def response(M, steps=400):
     By ``M dv = dt (Kd (v_d - v) + Kp (q_d - q))``, implicit in v and q, as the plant steps;
     shape (steps, 7, 7): when, of which joint, to which joint's command.
     """
-    kp, kd = ARM_KP[:, None], ARM_KD[:, None]
-    inverse = np.linalg.inv(M + np.diag(STEP * ARM_KD + STEP**2 * ARM_KP))
+    kp, kd = IIWA_7.kp[:, None], IIWA_7.kd[:, None]
+    inverse = np.linalg.inv(M + np.diag(STEP * IIWA_7.kd + STEP**2 * IIWA_7.kp))
     q, v, q_d = np.zeros((7, 7)), np.zeros((7, 7)), np.zeros((7, 7))
     v_d, velocity = np.eye(7) * PERIOD * STEP, [v] * WINDOW_STEPS
     for step in range(steps):
@@ -126,7 +126,7 @@ def test_the_hardest_commands_keep_the_true_acceleration():
     desired, v = [np.concatenate([q, 0.0 * q])], np.zeros(7)
     for command in switches[:n]:
         q_next, v_next = np.empty(7), np.empty(7)
-        drive_step_kernel(q, v, command, q, (period, 0.1, 1.0), q_next, v_next)
+        drive_step_kernel(IIWA_7.chain, q, v, command, q, (period, 0.1, 1.0), q_next, v_next)
         q, v = q_next, v_next
         desired.append(np.concatenate([q, v]))
     times = period * np.arange(n + 1)

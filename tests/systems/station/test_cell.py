@@ -68,7 +68,7 @@ def test_the_camera_sees_the_shelf_and_its_pixels_belong_to_the_cell():
     np.testing.assert_allclose(x[np.isfinite(x).all(axis=1)][:, 0], 0.94, atol=2e-3)
     bodies = make_foreground_segmentation(setting, make_reachability(setting).gripper)._bodies
     X_WC = station.GetOutputPort("wrist_camera.pose").Eval(context).GetAsMatrix4()
-    kinds = bodies.kinds(x, X_WC, np.deg2rad(setting.q_start), 0.1, 0.0)
+    kinds = bodies.kinds(x, X_WC, setting.start, 0.1, 0.0)
     assert np.all(kinds == CELL)
 
 
@@ -88,7 +88,7 @@ def test_the_height_of_the_table_reaches_all_that_reckon_with_it(height):
     looser = make_reachability(own(f"{{cell: {{table_height: {height}}}}}")).reachable(down)
     assert z[looser].min() == pytest.approx(z[kept].min() - 0.04, abs=0.01)
     # The QP: an arm that is asked to go down stops above the table.
-    q = reachability.nearest(down[[-1]], np.deg2rad(setting.q_start))[0][0]
+    q = reachability.nearest(down[[-1]], setting.start)[0][0]
     safety = make_controller(setting, reachability).safety
     lowest = lowered(safety, q, reachability.gripper, setting.control.period)
     assert height + 0.049 < lowest < height + 0.06

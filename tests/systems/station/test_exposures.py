@@ -21,7 +21,7 @@ def test_ports_are_those_of_the_docstrings(ports, documented_ports, seeing):
     for system in (
         Exposures(Timing(30.0, 0.0, 0.06), np.zeros(2)),
         FirstImage(ImageDepth32F(4, 3)),
-        CameraPose(seeing.station.plant, NAME, camera),
+        CameraPose(seeing.station.plant, NAME, camera, seeing.station.arm),
     ):
         inputs, outputs = ports(system)
         assert (list(inputs), list(outputs)) == documented_ports(type(system))

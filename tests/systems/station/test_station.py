@@ -11,7 +11,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object, make_motion
 from feasigrasp.systems.from_scenario import make_station
-from feasigrasp.systems.station.cell_models import ARM_KD, ARM_KP, StationConfig
+from feasigrasp.systems.station.cell_models import StationConfig
 from feasigrasp.systems.station.station import Station
 from tests.cell import FILE, HOME, OPEN, Cell, scenario
 
@@ -42,7 +42,7 @@ def test_ports_are_those_of_the_docstring(seeing, ports, documented_ports):
 def test_it_starts_where_the_scenario_says(blind):
     cell = blind.start()
     np.testing.assert_allclose(
-        cell.read("iiwa.state_estimated"), np.r_[np.deg2rad(cell.scenario.q_start), np.zeros(7)]
+        cell.read("iiwa.state_estimated"), np.r_[cell.scenario.start, np.zeros(7)]
     )
     np.testing.assert_array_equal(
         cell.read("iiwa.position_measured"), cell.read("iiwa.state_estimated")[:7]
@@ -74,7 +74,7 @@ def test_the_arm_tracks_a_moving_desired_state(blind):
 def test_what_a_step_of_the_desired_position_leaves_decays(blind):
     """``Kd de/dt + Kp e = 0``: inertias hardly count beside the damping of a velocity drive."""
     cell = blind.start()
-    step, rate = 0.05 * np.array([1, -1, 1, 1, -1, 1, -1]), ARM_KP / ARM_KD
+    step, rate = 0.05 * np.array([1, -1, 1, 1, -1, 1, -1]), IIWA_7.kp / IIWA_7.kd
     cell.fix("iiwa.desired_state", np.r_[HOME + step, np.zeros(7)])
     for t in (1.0, 4.0):
         cell.advance(t)
@@ -152,7 +152,7 @@ def test_end_stops_and_torque_limits_are_there_only_in_safe_mode(mode, free):
     efforts = [plant.GetJointActuatorByName(name).effort_limit() for name in IIWA_7.joint_names]
     np.testing.assert_array_equal(efforts, np.full(7, np.inf) if free else IIWA_7.effort_limits)
     if free:
-        left = 0.3 * np.exp(-2.0 * ARM_KP[0] / ARM_KD[0])
+        left = 0.3 * np.exp(-2.0 * IIWA_7.kp[0] / IIWA_7.kd[0])
         assert IIWA_7.position_limits[0] + 0.1 < reached
         assert reached == pytest.approx(beyond[0] - left, abs=5e-3)
     else:

@@ -12,7 +12,6 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.obstacle_grid import grid_kernel
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel
 from feasigrasp.models.grasps.approach_corridor import extra_clearance_kernel
-from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 @compiled
@@ -21,7 +20,8 @@ def clearance_kernel(knots, grasps, surface, corridor, weight, form):
 
     The clearance is the larger the less the hand is lined up with one of the grasps.
     """
-    row = np.empty(IIWA_7.joints)
+    n = knots.q.shape[1]
+    row = np.empty(n)
     for k in range(len(knots.q)):
         X_WH, H, g = knots.X_WH[k], form.H[k], form.g[k]
         X_OH = compose_kernel(inverse_kernel(knots.X_WO[k]), X_WH)
@@ -38,9 +38,9 @@ def clearance_kernel(knots, grasps, surface, corridor, weight, form):
             if missing <= 0.0:
                 continue
             _slope_kernel(X_WH, knots.J_WH[k], knots.X_WO[k], (x, y, z), slope, row)
-            for a in range(IIWA_7.joints):
+            for a in range(n):
                 g[a] -= weight * missing * row[a]
-                for b in range(IIWA_7.joints):
+                for b in range(n):
                     H[a, b] += weight * row[a] * row[b]
 
 
@@ -54,6 +54,6 @@ def _slope_kernel(X_WH, J_WH, X_WO, p_H, slope_O, row):
     r1 = X_WH[1, 0] * p_H[0] + X_WH[1, 1] * p_H[1] + X_WH[1, 2] * p_H[2]
     r2 = X_WH[2, 0] * p_H[0] + X_WH[2, 1] * p_H[1] + X_WH[2, 2] * p_H[2]
     m0, m1, m2 = r1 * s2 - r2 * s1, r2 * s0 - r0 * s2, r0 * s1 - r1 * s0
-    for j in range(IIWA_7.joints):
+    for j in range(len(row)):
         row[j] = m0 * J_WH[0, j] + m1 * J_WH[1, j] + m2 * J_WH[2, j]
         row[j] += s0 * J_WH[3, j] + s1 * J_WH[4, j] + s2 * J_WH[5, j]

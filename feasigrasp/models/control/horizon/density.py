@@ -17,7 +17,6 @@ import numpy as np
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel, so3_log_kernel
 from feasigrasp.models.grasps.approach_corridor import standoff_kernel
-from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 @compiled
@@ -27,7 +26,7 @@ def density_kernel(knots, grasps, corridor, X_GF, options, form):
     The weight of a grasp is ``exp(-worth penalty)``. ``X_GF`` has no effect: both costs are
     called alike.
     """
-    o, n, X_OG = options[0], IIWA_7.joints, grasps.X_OG
+    o, n, X_OG = options[0], knots.q.shape[1], grasps.X_OG
     W, X_OT, e = np.empty(6), np.empty((4, 4)), np.empty((len(X_OG), 6))
     W[:3], W[3:] = 2.0 * o.tail / o.tail_angle**2, 2.0 * o.tail / o.tail_position**2
     log_p, reweighted, mean = np.empty(len(X_OG)), np.empty(len(X_OG)), np.empty(6)

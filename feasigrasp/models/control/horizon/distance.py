@@ -20,7 +20,7 @@ from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kerne
 from feasigrasp.models.grasps.approach_corridor import standoff_kernel
 from feasigrasp.models.ik.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.ik.self_motion import inside_limits_kernel
-from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.arm import MARGIN
 
 
 @compiled
@@ -29,7 +29,7 @@ def distance_kernel(knots, grasps, corridor, X_GF, options, form):
 
     A solution costs ``speed penalty`` [rad]. A knot at which no grasp has a solution adds nothing.
     """
-    o, n, count = options[0], IIWA_7.joints, len(grasps.X_OG)
+    o, n, count = options[0], knots.q.shape[1], len(grasps.X_OG)
     X_WF, found, cost = np.empty((4, 4)), np.empty((count, n)), np.empty(count)
     gradient, part = np.empty(n), np.empty(count)
     for k in range(len(knots.q)):
@@ -37,8 +37,10 @@ def distance_kernel(knots, grasps, corridor, X_GF, options, form):
         for i in range(count):
             back = knots.share[k] * standoff_kernel(grasps.X_OG[i], X_OH, corridor)
             flange_pose_kernel(knots.X_WO[k], grasps.X_OG[i], back, X_GF, X_WF)
-            reached = solve_kernel(X_WF, grasps.branch[i], grasps.psi[i], found[m])
-            if reached and inside_limits_kernel(found[m], IIWA_7.position_margin):
+            found[m] = knots.q[k]
+            reached = solve_kernel(knots.chain, X_WF, grasps.branch[i], grasps.psi[i], found[m])
+            margin = knots.chain[0, MARGIN]
+            if reached and inside_limits_kernel(knots.chain, found[m], margin):
                 cost[m] = o.speed * grasps.penalty[i]
                 m += 1
         if m == 0:

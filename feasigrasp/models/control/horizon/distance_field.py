@@ -15,7 +15,6 @@ import numpy as np
 
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_exp
-from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Bounds of the length scale [rad], and its ratio to the median nearest-neighbour spacing. Source:
 #: guessed.
@@ -30,16 +29,16 @@ _FAST = {"reassoc", "contract", "nsz", "arcp"}
 @compiled(forceinline=True, fastmath=_FAST)
 def distances_kernel(q, r):
     """Writes the distances |q_i - q_j|, i > j, into the lower triangle of ``r`` (n, n)."""
-    n = len(q)
-    columns = np.empty((7, n))
-    for k in range(IIWA_7.joints):
+    n, joints = q.shape
+    columns = np.empty((joints, n))
+    for k in range(joints):
         for i in range(n):
             columns[k, i] = q[i, k]
     for i in range(n):
         row = r[i]
         for j in range(i):
             row[j] = 0.0
-        for k in range(IIWA_7.joints):
+        for k in range(joints):
             column, here = columns[k], columns[k, i]
             for j in range(i):
                 offset = here - column[j]
@@ -147,7 +146,7 @@ def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):
     nearest = np.inf
     for i in range(n):
         square = 0.0
-        for k in range(IIWA_7.joints):
+        for k in range(len(q)):
             square += (q[k] - nodes[i, k]) ** 2
         weights[i] = np.sqrt(square)
         nearest = min(nearest, weights[i] + lowest[i])
@@ -159,7 +158,7 @@ def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):
         term = beta[i] * decay
         o += term
         soft += decay
-        for k in range(IIWA_7.joints):
+        for k in range(len(q)):
             gradient[k] += term / max(r, 1e-12) * (q[k] - nodes[i, k])
         # What says which solution counts decays four times faster than the field: where a solution
         # is an equilibrium, its weight is 1 and the others' are nothing.
@@ -176,7 +175,7 @@ def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):
             gradient += weights[i] * offset / max(np.linalg.norm(offset), 1e-12)
     for i in range(n):
         weights[i] /= total
-    for k in range(IIWA_7.joints):
+    for k in range(len(q)):
         gradient[k] /= o
     d = nearest - length_scale * np.log(o)
     return d, d - mean_cost / total

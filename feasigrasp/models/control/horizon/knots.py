@@ -11,6 +11,7 @@ class Knots(NamedTuple):
     """The plan before, at its N knots, and the object then.
 
     Attributes:
+        chain: That of the `Arm`.
         times: From now on, shape (N,) [s].
         q: Joint positions, shape (N, 7) [rad].
         X_WH: Poses of the hand, shape (N, 4, 4) [m].
@@ -20,6 +21,7 @@ class Knots(NamedTuple):
         share: Share of the standoff that the joint limits leave, shape (N,).
     """
 
+    chain: Array
     times: Array
     q: Array
     X_WH: Array

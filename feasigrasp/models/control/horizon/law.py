@@ -31,8 +31,7 @@ from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.ik.continuation import branch_kernel
-from feasigrasp.models.ik.self_motion import arm_angle_kernel
+from feasigrasp.models.ik.continuation import branch_kernel, redundancy_kernel
 from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.models.quantities import Count, NotNegative, Positive
 from feasigrasp.models.reach.interception import (
@@ -43,7 +42,6 @@ from feasigrasp.models.reach.interception import (
 )
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 #: A grasp this close to the selected one is taken for it when grasps are sampled anew [m, rad].
@@ -54,7 +52,6 @@ _SAME_GRASP = np.array([0.012, 0.25])
 _NEIGHBOUR, _SAME_ARM = np.array([0.05, 0.6]), 0.6
 
 
-_N = IIWA_7.joints
 #: No object to keep off. Source: definition.
 _NO_SURFACE = ObstacleGrid(np.zeros((0, 0, 0), dtype=np.float32), np.zeros(5))
 
@@ -120,8 +117,8 @@ class HorizonPlan(Frozen):
     psi: Array = field(default_factory=lambda: np.zeros(0))
     penalty: Array = field(default_factory=lambda: np.zeros(0))
     arrival: float = 0.0
-    q: Array = field(default_factory=lambda: np.zeros(IIWA_7.joints))
-    v_arrival: Array = field(default_factory=lambda: np.zeros(IIWA_7.joints))
+    q: Array = field(default_factory=lambda: np.zeros(0))
+    v_arrival: Array = field(default_factory=lambda: np.zeros(0))
     ranked: float = -np.inf
     seen: float = -np.inf
     score: float = 1.0
@@ -166,12 +163,13 @@ def next_plan(
     if not now.known:
         return before.without_grasp(now.time)
     if committed and len(grasps):
-        plan = _committed(before, now, grasps.X_OG[0])
+        plan = _committed(before, now, grasps.X_OG[0], reachability.arm.chain)
     else:
         plan = _selected(before, now, grasps, reachability, options)
     if plan.X_OG is None:
         return plan
     program, n = options.program, len(options.program.steps)
+    joints = reachability.arm.joints
     v, X_FG = _shifted(before, now, program), reachability.gripper.X_FG
     knots = _knots(now, v, program)
     found = Neighbours(
@@ -181,7 +179,7 @@ def next_plan(
         *(np.array(now.q), np.array(now.v), plan.arrival - now.time),
         *(np.array(plan.q), np.array(plan.v_arrival)),
     )
-    form = Form(np.empty((n, _N, _N)), np.empty((n, _N)), np.empty((n, _N)))
+    form = Form(*(np.empty((n, *shape)) for shape in ((joints, joints), (joints,), (joints,))))
     grid, clearance = surface or _NO_SURFACE, program.safety.object_clearance
     kept_off = Surface(_open_hand(reachability.gripper), grid.values, grid.frame, clearance)
     corridor = options.corridor.parameters
@@ -199,7 +197,8 @@ def _knots(now: Situation, v: Array, program: ProgramOptions) -> Knots:
     times, n = program.times[1:], len(program.steps)
     X_WO, after = now.future(np.concatenate([times, times + INSTANT])).reshape(2, n, 4, 4)
     return Knots(
-        *(times, positions(now.q, v, program), np.empty((n, 4, 4)), np.empty((n, 6, _N))),
+        *(program.safety.arm.chain, times, positions(now.q, v, program)),
+        *(np.empty((n, 4, 4)), np.empty((n, 6, len(now.q)))),
         *(np.array(X_WO), np.array(after), np.empty(n)),
     )
 
@@ -213,9 +212,9 @@ def _open_hand(gripper: ParallelGripper) -> Array:
 @compiled
 def _shared_kernel(knots, grasps, meeting, surface, corridor, X_FG, options, form):
     """Writes what both spaces share: the distance to the reference, and the object's clearance."""
-    o, n, count = options[0], IIWA_7.joints, len(knots.q)
+    o, (count, n) = options[0], knots.q.shape
     for k in range(count):
-        pose_jacobian_kernel(knots.q[k], X_FG, knots.X_WH[k], knots.J_WH[k])
+        pose_jacobian_kernel(knots.chain, knots.q[k], X_FG, knots.X_WH[k], knots.J_WH[k])
     q_ref, X_GF = np.empty((count, n)), inverse_kernel(X_FG)
     reference_kernel(knots, grasps, meeting, corridor, X_GF, o.near, q_ref, form.v_ref)
     for k in range(count):
@@ -230,7 +229,7 @@ def _shared_kernel(knots, grasps, meeting, surface, corridor, X_FG, options, for
 def plan_velocity(plan: HorizonPlan, time: float, options: ProgramOptions) -> Array:
     """Joint velocity (7,) [rad/s] of a plan for the tick that begins at a time [s]."""
     if plan.X_OG is None or plan.v is None:
-        return np.zeros(IIWA_7.joints)
+        return np.zeros(options.safety.arm.joints)
     at = time - plan.time + options.safety.period
     return np.array([np.interp(at, options.times, column) for column in plan.v.T])
 
@@ -238,21 +237,27 @@ def plan_velocity(plan: HorizonPlan, time: float, options: ProgramOptions) -> Ar
 def _shifted(before: HorizonPlan, now: Situation, options: ProgramOptions) -> Array:
     """Velocities of the plan before at the knots from now on, the first those of the arm."""
     if before.v is None or before.X_OG is None:
-        return np.vstack([now.v, np.zeros((len(options.steps), IIWA_7.joints))])
+        return np.vstack([now.v, np.zeros((len(options.steps), len(now.v)))])
     at = options.times + now.time - before.time
     v = np.array([np.interp(at, options.times, column) for column in before.v.T]).T
     return np.vstack([now.v, np.clip(v[1:], -options.most_v, options.most_v)])
 
 
-def _committed(before: HorizonPlan, now: Situation, X_OG: Array) -> HorizonPlan:
+def _committed(before: HorizonPlan, now: Situation, X_OG: Array, chain: Array) -> HorizonPlan:
     """The plan before with the grasp that the hand closes on, in the present configuration."""
     plan = replace(before, time=now.time, arrival=now.time)
     if before.X_OG is not None and np.array_equal(X_OG, before.X_OG):
         return _of_first(plan)
     q = np.array(now.q)
-    branch, psi = np.array([branch_kernel(q)]), np.array([arm_angle_kernel(q)])
+    branch, psi = np.array([branch_kernel(chain, q)]), np.array([redundancy_kernel(chain, q)])
     return replace(
-        plan, grasps=np.array(X_OG)[None], branch=branch, psi=psi, penalty=np.zeros(1), q=q
+        plan,
+        grasps=np.array(X_OG)[None],
+        branch=branch,
+        psi=psi,
+        penalty=np.zeros(1),
+        q=q,
+        v_arrival=np.zeros(len(q)),
     )
 
 

@@ -7,7 +7,7 @@ scheme for nonlinear optimization in optimal feedback control", SICON 2005) it s
     min   sum_k s_k (1/2 dq_k' H_k dq_k + g_k' dq_k + w_v/2 |v_k - v_ref,k|^2)
           + h_k w_a/2 |(v_k - v_(k-1)) / h_k - a_ref,k|^2
     s.t.  |v_k| <= V,   |v_k - v_(k-1)| <= A h_k,
-          v_k <= g (q_max - q_k),   -v_k <= g (q_max + q_k)
+          v_k <= g (q_max - q_k),   -v_k <= g (q_k - q_min)
 
 with the limits V, A and the gain g of the safety filter. Velocities and accelerations are penalised
 *relative* to the reference: a penalty on accelerations as such costs (w / w_n)^4 of the amplitude
@@ -31,13 +31,11 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.horizon.knots import Form
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.quantities import NotNegative, Positive
-from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Rows of a position limit only from here on [rad]. Source: guessed.
 _NEAR_LIMIT = 0.7
 #: DAQP's flag of a constraint that may be violated with a penalty. Source: definition: DAQP.
 _SOFT = 8
-_N = IIWA_7.joints
 
 
 @dataclass(frozen=True)
@@ -109,12 +107,13 @@ class ProgramOptions:
     def most_v(self) -> Array:
         """Velocity limits, shape (7,) [rad/s]."""
         share = self.safety.speed * self.safety.velocity_scale
-        return np.asarray(share * IIWA_7.velocity_limits)
+        return np.asarray(share * self.safety.arm.velocity_limits)
 
     @cached_property
     def most_a(self) -> Array:
         """Acceleration limits, shape (7,) [rad/s^2]."""
-        return np.asarray(self.safety.acceleration_scale * IIWA_7.acceleration_limits)
+        limits = self.safety.arm.acceleration_limits
+        return np.asarray(self.safety.acceleration_scale * limits)
 
     @cached_property
     def trapezoid(self) -> Array:
@@ -144,9 +143,10 @@ class _Steps(NamedTuple):
 
 
 class _Limits(NamedTuple):
-    """Limits of position, velocity and acceleration, shape (7,), and gains of the safety filter."""
+    """Limits of position, velocity and acceleration, shape (n,), and gains of the safety filter."""
 
-    q: Array
+    least_q: Array
+    most_q: Array
     v: Array
     a: Array
     approach_gain: float
@@ -167,13 +167,16 @@ def solve_program(q: Array, v: Array, form: Form, options: ProgramOptions) -> Ar
     share = h.copy()
     share[-1] += options.terminal
     steps = _Steps(h, options.trapezoid, share)
-    most_q = np.array(IIWA_7.position_limits) - safety.position_margin
+    least_q = safety.arm.lower + safety.position_margin
+    most_q = safety.arm.upper - safety.position_margin
     limits = _Limits(
-        most_q, options.most_v, options.most_a, safety.approach_gain, safety.speed_gain
+        *(least_q, most_q, options.most_v, options.most_a),
+        *(safety.approach_gain, safety.speed_gain),
     )
-    near = np.abs(positions(q, v, options)) > most_q - _NEAR_LIMIT
-    n, m = _N * len(h), int(near.sum())
-    big, f, rows = np.zeros((n, n)), np.zeros(n), np.zeros((n - _N + m, n))
+    at = positions(q, v, options)
+    near = (at > most_q - _NEAR_LIMIT) | (at < least_q + _NEAR_LIMIT)
+    n, m = near.size, int(near.sum())
+    big, f, rows = np.zeros((n, n)), np.zeros(n), np.zeros((n - len(q) + m, n))
     lower, upper = np.empty(n + len(rows)), np.empty(n + len(rows))
     _objective_kernel(v, steps, form, limits.a, (options.velocity, options.acceleration), big, f)
     _limits_kernel(q, v, steps, limits, near, rows, lower, upper)
@@ -182,7 +185,7 @@ def solve_program(q: Array, v: Array, form: Form, options: ProgramOptions) -> Ar
     step, _, status, _ = daqp.solve(big, f, rows, upper, lower, senses)
     if status <= 0 or not np.isfinite(step).all():
         return None
-    return np.concatenate([v[:1], v[1:] + step.reshape(-1, _N)])
+    return np.concatenate([v[:1], v[1:] + step.reshape(-1, len(q))])
 
 
 @compiled
@@ -193,30 +196,30 @@ def _objective_kernel(v, steps, form, most_a, weights, big, f):
     """
     h, c, share = steps
     w_v, w_a = weights
-    n = len(h)
+    n, joints = form.g.shape
     for k in range(n):
         for a in range(k + 1):
             weight = share[k] * c[k, a]
-            for i in range(_N):
-                f[a * _N + i] += weight * form.g[k, i]
+            for i in range(joints):
+                f[a * joints + i] += weight * form.g[k, i]
             for b in range(k + 1):
                 both = weight * c[k, b]
-                for i in range(_N):
-                    for j in range(_N):
-                        big[a * _N + i, b * _N + j] += both * form.H[k, i, j]
+                for i in range(joints):
+                    for j in range(joints):
+                        big[a * joints + i, b * joints + j] += both * form.H[k, i, j]
     for k in range(n):
-        for i in range(_N):
-            x, later = k * _N + i, max(k, 1)
+        for i in range(joints):
+            x, later = k * joints + i, max(k, 1)
             change = form.v_ref[later, i] - form.v_ref[later - 1, i]
             a_ref = min(max(change / h[later], -most_a[i]), most_a[i])
             slope = (v[k + 1, i] - v[k, i]) / h[k] - a_ref
             big[x, x] += share[k] * w_v + w_a / h[k]
             f[x] += share[k] * w_v * (v[k + 1, i] - form.v_ref[k, i]) + w_a * slope
             if k > 0:
-                big[x - _N, x - _N] += w_a / h[k]
-                big[x, x - _N] -= w_a / h[k]
-                big[x - _N, x] -= w_a / h[k]
-                f[x - _N] -= w_a * slope
+                big[x - joints, x - joints] += w_a / h[k]
+                big[x, x - joints] -= w_a / h[k]
+                big[x - joints, x] -= w_a / h[k]
+                f[x - joints] -= w_a * slope
 
 
 @compiled
@@ -227,14 +230,17 @@ def _limits_kernel(q, v, steps, limits, near, rows, lower, upper):
     (N, 7) a limit.
     """
     h, c, _ = steps
-    n, most_v = len(h), limits.v
+    (n, joints), most_v = near.shape, limits.v
     for k in range(n):
-        for i in range(_N):
-            x, change, most = k * _N + i, v[k + 1, i] - v[k, i], limits.a[i] * h[k]
+        for i in range(joints):
+            x, change, most = k * joints + i, v[k + 1, i] - v[k, i], limits.a[i] * h[k]
             upper[x], lower[x] = most_v[i] - v[k + 1, i], -most_v[i] - v[k + 1, i]
             if k > 0:
-                rows[x - _N, x], rows[x - _N, x - _N] = 1.0, -1.0
-                upper[_N * (n - 1) + x], lower[_N * (n - 1) + x] = most - change, -most - change
+                rows[x - joints, x], rows[x - joints, x - joints] = 1.0, -1.0
+                upper[joints * (n - 1) + x], lower[joints * (n - 1) + x] = (
+                    most - change,
+                    -most - change,
+                )
                 continue
             # the first step as the safety filter has it
             reserve = limits.speed_gain * h[0]
@@ -242,15 +248,15 @@ def _limits_kernel(q, v, steps, limits, near, rows, lower, upper):
             slower = min(most, max(reserve * (most_v[i] + v[0, i]), v[0, i], 0.0))
             upper[i] = max(min(upper[i], faster - change), -most - change)
             lower[i] = min(max(lower[i], -slower - change), most - change)
-    r, position, gain = _N * (n - 1), q.copy(), limits.approach_gain
+    r, position, gain = joints * (n - 1), q.copy(), limits.approach_gain
     for k in range(n):
-        for i in range(_N):
+        for i in range(joints):
             position[i] += 0.5 * h[k] * (v[k, i] + v[k + 1, i])
             if near[k, i]:
                 for a in range(k + 1):
-                    rows[r, a * _N + i] = gain * c[k, a]
-                rows[r, k * _N + i] += 1.0
+                    rows[r, a * joints + i] = gain * c[k, a]
+                rows[r, k * joints + i] += 1.0
                 at = v[k + 1, i] + gain * position[i]
-                upper[_N * n + r] = gain * limits.q[i] - at
-                lower[_N * n + r] = -gain * limits.q[i] - at
+                upper[joints * n + r] = gain * limits.most_q[i] - at
+                lower[joints * n + r] = gain * limits.least_q[i] - at
                 r += 1

@@ -13,7 +13,7 @@ from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kerne
 from feasigrasp.models.grasps.approach_corridor import standoff_kernel
 from feasigrasp.models.ik.continuation import flange_pose_kernel, solve_kernel, stand_behind_kernel
 from feasigrasp.models.ik.self_motion import inside_limits_kernel
-from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.arm import MARGIN, VELOCITY
 
 #: Time over which the velocity of a solution is taken [s]. Source: guessed.
 INSTANT = 0.01
@@ -37,22 +37,23 @@ def reference_kernel(knots, grasps, meeting, corridor, X_GF, near, q_ref, v_ref)
     Joints that are closer than ``near`` [rad] to it are not interpolated. Of the standoff less is
     kept where a joint limit is in the way.
     """
-    n, intercepts = IIWA_7.joints, True
+    n, chain, intercepts = knots.q.shape[1], knots.chain, True
     X_OG, branch, psi = grasps.X_OG[0], grasps.branch[0], grasps.psi[0]
     times, left, q_there = knots.times, meeting.left, meeting.q_there
-    X_WF, solution, after = np.empty((4, 4)), np.empty(n), np.empty(n)
+    X_WF, solution, after = np.empty((4, 4)), meeting.q.copy(), np.empty(n)
     for k in range(len(times)):
         X_OH = compose_kernel(inverse_kernel(knots.X_WO[k]), knots.X_WH[k])
         standoff = standoff_kernel(X_OG, X_OH, corridor)
         back, reached = stand_behind_kernel(
-            X_OG, standoff, knots.X_WO[k], X_GF, branch, psi, X_WF, solution
+            chain, X_OG, standoff, knots.X_WO[k], X_GF, branch, psi, X_WF, solution
         )
         knots.share[k] = back / standoff if standoff > 0.0 else 1.0
-        reached = reached and inside_limits_kernel(solution, IIWA_7.position_margin)
+        reached = reached and inside_limits_kernel(chain, solution, chain[0, MARGIN])
         if k == 0:
             intercepts = not (reached and np.max(np.abs(solution - meeting.q)) < near)
         flange_pose_kernel(knots.X_WO_after[k], X_OG, back, X_GF, X_WF)
-        moves = reached and solve_kernel(X_WF, branch, psi, after)
+        after[:] = solution
+        moves = reached and solve_kernel(chain, X_WF, branch, psi, after)
         for j in range(n):
             q_ref[k, j], v_ref[k, j] = q_there[j], 0.0
             if intercepts and times[k] < left:
@@ -64,5 +65,5 @@ def reference_kernel(knots, grasps, meeting, corridor, X_GF, near, q_ref, v_ref)
             elif reached:
                 q_ref[k, j] = solution[j]
                 v_ref[k, j] = (after[j] - solution[j]) / INSTANT if moves else 0.0
-        if np.max(np.abs(v_ref[k]) / IIWA_7.velocity_limits) > _TOO_FAST:
+        if np.max(np.abs(v_ref[k]) / chain[:n, VELOCITY]) > _TOO_FAST:
             v_ref[k] = 0.0

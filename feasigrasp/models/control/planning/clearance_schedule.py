@@ -21,6 +21,7 @@ from feasigrasp.models.grasps.approach_corridor import (
     grasp_errors,
     grasp_errors_kernel,
 )
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import (
     forward_kinematics,
@@ -79,6 +80,7 @@ def scheduled_obstacle(
     X_FG: Array,
     X_OG: ArrayLike,
     corridor: ApproachCorridor,
+    arm: Arm = IIWA_7,
 ) -> MovingObject | None:
     """The object as moving obstacle, with the clearance schedule of the nearest grasp.
 
@@ -90,6 +92,7 @@ def scheduled_obstacle(
         X_FG: Grasp frame on the flange, shape (4, 4).
         X_OG: The grasps, in O, shape (n, 4, 4).
         corridor: The way into a grasp.
+        arm: The arm.
 
     Returns:
         The object; its reserve is zero once the hand has lined up with a grasp, and the hand is
@@ -98,6 +101,7 @@ def scheduled_obstacle(
     if surface is None:
         return None
     extra_clearance, misaligned = _schedule_kernel(
+        arm.chain,
         np.ascontiguousarray(q, dtype=float),
         X_FG,
         np.ascontiguousarray(X_WO, dtype=float),
@@ -109,9 +113,9 @@ def scheduled_obstacle(
     return MovingObject(surface, X_WO, V_WO, extra_clearance, misaligned)
 
 
-def is_close(moving: MovingObject, q: Array, X_FG: Array) -> bool:
+def is_close(moving: MovingObject, q: Array, X_FG: Array, arm: Arm = IIWA_7) -> bool:
     """Whether the object is between the fingers of a hand, or nearly so."""
-    X_OH = inverse_kernel(np.ascontiguousarray(moving.X_WO)) @ forward_kinematics(q, X_FG)
+    X_OH = inverse_kernel(np.ascontiguousarray(moving.X_WO)) @ forward_kinematics(q, X_FG, arm)
     return bool(moving.grid.distance_and_gradient(X_OH[:3, 3])[0][0] < _CLOSE)
 
 
@@ -128,10 +132,10 @@ def retreat_velocity(
 
     Arguments as for `scheduled_obstacle` and `SafetyFilter.velocity`.
     """
-    X_WH, J_WH = pose_and_jacobian(q, X_FG)
+    X_WH, J_WH = pose_and_jacobian(q, X_FG, safety.options.arm)
     return safety.velocity(
         q,
-        np.zeros(IIWA_7.joints),
+        np.zeros(len(q)),
         J_WH,
         step_back(X_WH, moving.X_WO, moving.V_WO),
         qd_last=qd_last,
@@ -148,10 +152,10 @@ def step_back(X_WH: Array, X_WO: Array, V_WO: Array) -> Array:
 
 
 @compiled
-def _schedule_kernel(q, X_FG, X_WO, X_OG, corridor, values, frame):
+def _schedule_kernel(chain, q, X_FG, X_WO, X_OG, corridor, values, frame):
     """The reserve [m], and whether the object is between the fingers for none of the grasps."""
     X_WH = np.empty((4, 4))
-    pose_jacobian_kernel(q, X_FG, X_WH, None)
+    pose_jacobian_kernel(chain, q, X_FG, X_WH, None)
     X_OH = inverse_kernel(X_WO) @ X_WH
     extra_clearance = extra_clearance_kernel(X_OG, X_OH, corridor)
     middle = X_OH[0, 3], X_OH[1, 3], X_OH[2, 3]

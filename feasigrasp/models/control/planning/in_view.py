@@ -18,6 +18,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.arm import VELOCITY, Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
@@ -83,6 +84,7 @@ def velocity_in_view(
     p_W: Array,
     v_W: Array,
     radius: float,
+    arm: Arm = IIWA_7,
 ) -> Array:
     """The velocity nearest to ``qd`` with which the object stays in view.
 
@@ -94,12 +96,14 @@ def velocity_in_view(
         p_W: The object's middle, shape (3,) [m].
         v_W: Its velocity, shape (3,) [m/s].
         radius: Of the object [m].
+        arm: The arm.
 
     Returns:
         Shape (7,) [rad/s]; ``qd`` where that does no harm, or if anything is not finite.
     """
     kept = np.array(qd, dtype=float)
     _keep_kernel(
+        arm.chain,
         np.array(q, dtype=float),
         np.array(X_FG, dtype=float, order="C"),
         np.array(X_WC, dtype=float, order="C"),
@@ -121,10 +125,10 @@ def _room_kernel(cosine, apparent, speed):
 
 
 @compiled
-def _keep_kernel(q, X_FG, X_WC, p_W, v_W, radius, qd):
+def _keep_kernel(chain, q, X_FG, X_WC, p_W, v_W, radius, qd):
     """Writes the velocity (7,) in place of the one that is wanted."""
-    X_WH, J = np.empty((4, 4)), np.empty((6, IIWA_7.joints))
-    pose_jacobian_kernel(q, X_FG, X_WH, J)
+    X_WH, J = np.empty((4, 4)), np.empty((6, len(q)))
+    pose_jacobian_kernel(chain, q, X_FG, X_WH, J)
     p_WC, z = X_WC[:3, 3].copy(), X_WC[:3, 2].copy()
     to = p_W - p_WC
     distance = np.sqrt(to @ to)
@@ -140,15 +144,15 @@ def _keep_kernel(q, X_FG, X_WC, p_W, v_W, radius, qd):
     # ... and the object looks larger as it comes nearer.
     if np.sin(_FAR_RADIUS) * distance < radius < distance:
         towards -= _OF_RADIUS * radius / (distance * np.sqrt(distance**2 - radius**2)) * n
-    row, square, rate = np.empty(IIWA_7.joints), 0.0, towards @ v_W
-    for j in range(IIWA_7.joints):
+    row, square, rate = np.empty(len(q)), 0.0, towards @ v_W
+    for j in range(len(q)):
         w, v = J[:3, j].copy(), J[3:, j].copy()
         v += np.cross(w, p_WC - X_WH[:3, 3])
         row[j] = -(axis @ w) - towards @ v
-        square += (row[j] * IIWA_7.velocity_limits[j]) ** 2
+        square += (row[j] * chain[j, VELOCITY]) ** 2
         rate += row[j] * qd[j]
     lack = min(-_RATE * room, _FASTEST) - rate
     if lack > 0.0 and square > 1e-9:
         # Nearest in units of the joints' speed limits.
-        for j in range(IIWA_7.joints):
-            qd[j] += lack / square * row[j] * IIWA_7.velocity_limits[j] ** 2
+        for j in range(len(q)):
+            qd[j] += lack / square * row[j] * chain[j, VELOCITY] ** 2

@@ -19,6 +19,7 @@ from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
@@ -73,7 +74,10 @@ def search_configuration(
         Shape (7,) [rad]; None if there is none.
     """
     p_W = search_target.X_WO[:3, 3]
-    for sides, distances in ((_usual_sides(p_W, X_WC), (_DISTANCE,)), (_ALL_ROUND, _DISTANCES)):
+    for sides, distances in (
+        (_usual_sides(p_W, X_WC, reachability.arm), (_DISTANCE,)),
+        (_ALL_ROUND, _DISTANCES),
+    ):
         z_W = _aside(-sides, search_target.age)
         p_WC = p_W + np.array(distances)[:, None, None] * sides
         views = turned_views(p_WC, np.broadcast_to(z_W, p_WC.shape), X_WC).reshape(-1, 4, 4)
@@ -99,7 +103,7 @@ def configurations_at(
         The soonest one for each, shape (n, 7) [rad], and travel times, shape (n,) [s]: see
         `Reachability.nearest`.
     """
-    X_CH = se3.inverse(X_WC) @ forward_kinematics(q, reachability.gripper.X_FG)
+    X_CH = se3.inverse(X_WC) @ forward_kinematics(q, reachability.gripper.X_FG, reachability.arm)
     return reachability.nearest(views @ X_CH, q)
 
 
@@ -118,20 +122,20 @@ def turned_views(p_WC: Array, z_W: Array, X_WC: Array) -> Array:
     return se3.make_pose(R_WC, p_WC[..., None, :])
 
 
-def search_velocity(q: Array, q_search: Array, speed: float = 1.0) -> Array:
+def search_velocity(q: Array, q_search: Array, speed: float = 1.0, arm: Arm = IIWA_7) -> Array:
     """Joint velocity (7,) [rad/s] that takes the arm there, all joints in time with each other.
 
     ``speed`` is the share of the velocity limits that the arm may use.
     """
     way = q_search - q
-    time = float(np.max(np.abs(way) / (speed * SPEED_SHARE * IIWA_7.velocity_limits)))
+    time = float(np.max(np.abs(way) / (speed * SPEED_SHARE * arm.velocity_limits)))
     return np.asarray(min(_GAIN, 1.0 / max(time, 1e-9)) * way)
 
 
-def _usual_sides(p_W: Array, X_WC: Array) -> Array:
+def _usual_sides(p_W: Array, X_WC: Array, arm: Arm) -> Array:
     """Directions from a place to the camera, to the robot's shoulder, and between, shape (n, 3)."""
     to_camera = direction(X_WC[:3, 3] - p_W, -X_WC[:3, 2])
-    shoulder = np.array([0.0, 0.0, IIWA_7.joint_heights[1]])
+    shoulder = arm.points[1]
     to_base = direction(shoulder - p_W, to_camera)
     share = np.array(_FROM_BASE)[:, None]
     return direction((1.0 - share) * to_camera + share * to_base, to_base)

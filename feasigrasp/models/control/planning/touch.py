@@ -11,7 +11,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.arm import EFFORT
 
 #: A torque above this share of a joint's limit is a touch: a choice, more than what is left of
 #: twice the published error of an iiwa (`feasigrasp.models.sensors.joint_errors`). Source:
@@ -19,50 +19,52 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 THRESHOLD = 0.03
 #: What stays of a torque without a touch is the sensor's own error: it is followed with this time
 #: constant [s], longer than contacts last and shorter than the arm takes to turn. Source: reasoned.
-_ZEROING = 1.0
+zeroING = 1.0
 #: Time constant of the low-pass filter in front of it [s]. Source: guessed.
 _SMOOTHING = 0.01
 #: The arm gives way so long after the last touch [s], and so fast [m/s]. Source: guessed.
 _YIELDS_FOR, _SPEED = 0.2, 0.1
-#: Entries of the state: filtered torque (7), torque of the touch (7), time that is left, touches,
-#: the sensor's own error (7), how long that has been measured [s]. Source: layout.
-TOUCHES, _ZERO, TOUCH_STATE = (
-    2 * IIWA_7.joints + 1,
-    2 * IIWA_7.joints + 2,
-    3 * IIWA_7.joints + 3,
-)
+
+
+def touch_state(joints: int) -> Array:
+    """The state at first: filtered torque (n,), torque of the touch (n,), time that is left.
+
+    Then the number of touches, the sensor's own error (n,), how long that has been measured [s].
+    """
+    return np.zeros(3 * joints + 3)
 
 
 @compiled
-def touch_step_kernel(state, torque, period, after):
-    """Writes the state one period later, `TOUCH_STATE` entries.
+def touch_step_kernel(chain, state, torque, period, after):
+    """Writes the state one period later, see `touch_state`.
 
     Args:
-        state: Now; zeros at first, when nothing touches the arm. Entries 7 to 13 are the torque of
-            the touch [Nm], zero without one, entry `TOUCHES` is how often the arm was touched.
-        torque: External torques of the joints [Nm], shape (7,); one that is not finite is none.
+        chain: That of the `Arm`.
+        state: Now; zeros at first, when nothing touches the arm.
+        torque: External torques of the joints [Nm], shape (n,); one that is not finite is none.
         period: Time between steps [s].
         after: Written.
     """
-    n = IIWA_7.joints
+    n = len(torque)
+    touches, zero = 2 * n + 1, 2 * n + 2
     after[:] = state
     share = 0.0
     for i in range(n):
         wish = torque[i] if np.isfinite(torque[i]) else 0.0
         if state[-1] == 0.0:
-            after[i], after[_ZERO + i] = wish, wish
+            after[i], after[zero + i] = wish, wish
             continue
         after[i] = state[i] + (wish - state[i]) * period / (_SMOOTHING + period)
         if state[2 * n] <= 0.0:  # at first the mean of all that has been measured
-            after[_ZERO + i] += (after[i] - state[_ZERO + i]) * period / min(_ZEROING, state[-1])
-        share = max(share, abs(after[i] - after[_ZERO + i]) / IIWA_7.effort_limits[i])
+            after[zero + i] += (after[i] - state[zero + i]) * period / min(zeroING, state[-1])
+        share = max(share, abs(after[i] - after[zero + i]) / chain[i, EFFORT])
     after[-1] = state[-1] + period
     left = state[2 * n] - period
     if share > THRESHOLD:
         if state[2 * n] <= 0.0:
-            after[TOUCHES] += 1.0
+            after[touches] += 1.0
         left = _YIELDS_FOR
-        after[n : 2 * n] = after[:n] - after[_ZERO : _ZERO + n]
+        after[n : 2 * n] = after[:n] - after[zero : zero + n]
     elif left <= 0.0:
         after[n : 2 * n] = 0.0
     after[2 * n] = max(left, 0.0)

@@ -22,6 +22,7 @@ from feasigrasp.models.control.safety.safe_velocity import SafetyFilter
 from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.quantities import Positive, PositiveShare
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 
@@ -69,6 +70,7 @@ class CommandGuard:
         speed: PositiveShare = 1.0,
         safety: SafetyFilter | None = None,
         obstacles: ObstacleGrid | None = None,
+        arm: Arm = IIWA_7,
     ) -> None:
         """A guard that commands in every cycle of a driver.
 
@@ -78,16 +80,17 @@ class CommandGuard:
             safety: Keeps the arm clear of itself, the table and ``obstacles``; without, none of
                 them is kept clear of.
             obstacles: Distances to them, in the frame of the arm's base.
+            arm: The arm.
 
         Raises:
             ControlError: Another period or speed.
         """
-        self._clock, self._speed = DriverClock(period, self.SILENCE), speed
+        self._clock, self._speed, self._arm = DriverClock(period, self.SILENCE), speed, arm
         self._safety, self._obstacles = safety, obstacles
-        self._q, self._v = np.full(IIWA_7.joints, np.nan), np.zeros(IIWA_7.joints)
+        self._q, self._v = np.full(self._arm.joints, np.nan), np.zeros(self._arm.joints)
         # By the driver's cycles; stamps of requests are of the clock of whoever sends them.
         self._time, self._since, self._received_at = 0.0, 0.0, -np.inf
-        self._requested, self._rate = np.zeros(IIWA_7.joints), np.zeros(IIWA_7.joints)
+        self._requested, self._rate = np.zeros(self._arm.joints), np.zeros(self._arm.joints)
         self._measured, self._coasted = self._q, deque[Array](maxlen=8)
         self._stamp = -np.inf
         self._ahead: float | None = None
@@ -113,7 +116,7 @@ class CommandGuard:
             stamp: When, by the controller's clock [s].
             q: Positions [rad], shape (7,).
         """
-        if np.shape(q) != (IIWA_7.joints,) or not np.isfinite(q).all() or not np.isfinite(stamp):
+        if np.shape(q) != (self._arm.joints,) or not np.isfinite(q).all() or not np.isfinite(stamp):
             return False
         self._unanswered += 1
         if self._unanswered > 2:  # statuses are missing: nothing is commanded, nor does time pass
@@ -205,7 +208,7 @@ class CommandGuard:
 
     def _rest(self, measured: Array, held: Array | None) -> None:
         """Begins where the driver is: at the position of its message, else at the last command."""
-        self._v, self.moving = np.zeros(IIWA_7.joints), False
+        self._v, self.moving = np.zeros(self._arm.joints), False
         for q, within in ((held, self.MAX_DISTANCE), (self._q, self.MAX_LEAD)):
             if q is not None and np.abs(q - measured).max() <= within:
                 self._q = np.array(q, dtype=float)
@@ -220,11 +223,11 @@ class CommandGuard:
         alone = self._clock.missing * self._clock.period
         recent = max(age, alone) <= self.DEADLINE + 1e-9
         self.received = bool(recent and near and not self.contested)
-        wish = np.zeros(IIWA_7.joints)
+        wish = np.zeros(self._arm.joints)
         if self.received:
             # What is sent now counts at the end of the period, like the request that is prolonged.
             left = self._requested + (age - period) * self._rate - self._q
-            limit = self.SPEED * self._speed * np.array(IIWA_7.velocity_limits)
+            limit = self.SPEED * self._speed * np.array(self._arm.velocity_limits)
             rate, share = np.clip(self._rate, -limit, limit), self.SPEED_GAIN * period
             up = self._v + np.maximum(share * (limit - self._v), -self._v)
             down = self._v - np.maximum(share * (limit + self._v), self._v)
@@ -233,8 +236,8 @@ class CommandGuard:
             )
         if self._safety is not None:
             wish = self._safety.velocity(self._q, wish, qd_last=self._v, obstacles=self._obstacles)
-        q, v = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
+        q, v = np.empty(self._arm.joints), np.empty(self._arm.joints)
         bounds = period, self.MAX_LEAD, self._speed
-        drive_step_kernel(self._q, self._v, wish, measured, bounds, q, v)
+        drive_step_kernel(self._arm.chain, self._q, self._v, wish, measured, bounds, q, v)
         self._q, self._v = q, v
         self.moving = bool(np.any(v != 0.0))

@@ -16,6 +16,7 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.safety.velocity_limits import bounds_kernel
 from feasigrasp.models.geometry.obstacle_grid import box_distance_kernel, grid_kernel
 from feasigrasp.models.numerics.vectors import cross, dot, minus, step
+from feasigrasp.models.robot.arm import ACCELERATION
 from feasigrasp.models.robot.capsule_kernels import (
     add_lever,
     closest_parameters,
@@ -23,7 +24,6 @@ from feasigrasp.models.robot.capsule_kernels import (
     link_poses_kernel,
     place,
 )
-from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Largest number of rows of an object. A hand that opens round it has hundreds of points inside
 #: their clearance, most of them beside each other: the QP would take several ticks for them.
@@ -38,6 +38,7 @@ class Body(NamedTuple):
     """The arm with its hand.
 
     Attributes:
+        chain: That of the `Arm`.
         link: As in `feasigrasp.models.robot.capsules.CapsuleModel`, like the next four.
         ends: Ends of the capsules.
         radius: Their radii.
@@ -50,6 +51,7 @@ class Body(NamedTuple):
             cover the arm, a line of link, x, y, z and radius each, shape (k, 5) [m].
     """
 
+    chain: Array
     link: Indices
     ends: Array
     radius: Array
@@ -62,15 +64,17 @@ class Body(NamedTuple):
 
 
 class ArmState(NamedTuple):
-    """Poses of the links, and velocity bounds of the joints.
+    """Poses of the links, and velocity bounds of the n joints.
 
     Attributes:
-        R: Rotations of the link frames, shape (8, 3, 3).
-        p: Their origins, shape (8, 3) [m].
-        lower: Lower bounds of the joint velocities, shape (7,) [rad/s].
+        chain: That of the `Arm`.
+        R: Rotations of the link frames, shape (n + 1, 3, 3).
+        p: Their origins, shape (n + 1, 3) [m].
+        lower: Lower bounds of the joint velocities, shape (n,) [rad/s]; further entries are free.
         upper: Upper bounds.
     """
 
+    chain: Array
     R: Array
     p: Array
     lower: Array
@@ -117,7 +121,7 @@ def _keep(rows, bounds, m, bound, lower, upper):
     """
     row = rows[m]
     slowest, moves = 0.0, False
-    for j in range(IIWA_7.joints):
+    for j in range(len(row)):
         slowest += min(row[j] * lower[j], row[j] * upper[j])
         moves = moves or abs(row[j]) > 1e-9
     bounds[m] = bound
@@ -128,11 +132,11 @@ def _keep(rows, bounds, m, bound, lower, upper):
 
 @compiled
 def rows_kernel(arm, options, body, grid, frame, rows, bounds):
-    """Writes rows (m, 7) and their lower bounds (m,); returns m.
+    """Writes rows (m, n) and their lower bounds (m,); returns m.
 
     ``options`` are `SafetyOptions` as a record, ``grid`` and ``frame`` those of an `ObstacleGrid`.
     """
-    R, p, lower, upper = arm
+    chain, R, p, lower, upper = arm
     link, radius, gain = body.link, body.radius, options.approach_gain
     placed = np.empty(body.ends.shape)
     for c in range(len(link)):
@@ -141,7 +145,7 @@ def rows_kernel(arm, options, body, grid, frame, rows, bounds):
             placed[c, e, 0], placed[c, e, 1], placed[c, e, 2] = x, y, z
     # Nothing approaches faster than this, so what is farther than it allows needs no closer look.
     fastest = 0.0
-    for j in range(IIWA_7.joints):
+    for j in range(len(chain) - 1):
         fastest += _LEVER * max(abs(lower[j]), abs(upper[j]))
     far = max(options.clearance, options.obstacle_clearance, options.table_clearance)
     far += fastest / gain
@@ -158,7 +162,7 @@ def rows_kernel(arm, options, body, grid, frame, rows, bounds):
         if distance > far or length < 1e-9:
             continue
         normal = -d[0] / length, -d[1] / length, -d[2] / length
-        add_lever(step(b0, t, minus(b1, b0)), normal, link[i], link[j], R, p, rows[m])
+        add_lever(chain, step(b0, t, minus(b1, b0)), normal, link[i], link[j], R, p, rows[m])
         m = _keep(rows, bounds, m, -gain * (distance - options.clearance), lower, upper)
     for k in range(len(body.movers)):
         c = body.movers[k]
@@ -167,7 +171,7 @@ def rows_kernel(arm, options, body, grid, frame, rows, bounds):
             if distance > far:
                 continue
             # Direction up in W. Source: definition.
-            add_lever(end_point(placed, c, e), (0.0, 0.0, 1.0), 0, link[c], R, p, rows[m])
+            add_lever(chain, end_point(placed, c, e), (0.0, 0.0, 1.0), 0, link[c], R, p, rows[m])
             m = _keep(rows, bounds, m, -gain * (distance - options.table_clearance), lower, upper)
     if grid.size == 0:
         return m
@@ -178,14 +182,14 @@ def rows_kernel(arm, options, body, grid, frame, rows, bounds):
         distance = height - body.ball_radius[k]
         if distance > far:
             continue
-        add_lever(center, slope, 0, body.ball_link[k], R, p, rows[m])
+        add_lever(chain, center, slope, 0, body.ball_link[k], R, p, rows[m])
         m = _keep(rows, bounds, m, -gain * (distance - options.obstacle_clearance), lower, upper)
     return m
 
 
 @compiled
 def object_rows_kernel(arm, options, guarded, obstacles, most, rows, bounds):
-    """Writes rows (m, 7) and bounds (m,) that keep arm and hand off a moving object; returns m.
+    """Writes rows (m, n) and bounds (m,) that keep arm and hand off a moving object; returns m.
 
     ``guarded`` holds what is kept off, one line of link, x, y, z and radius each: points of the
     hand (radius 0), which keep a small clearance, and balls that cover the arm, which keep the
@@ -195,14 +199,14 @@ def object_rows_kernel(arm, options, guarded, obstacles, most, rows, bounds):
     lot slower. Of more than ``most`` those are kept that ask for the greatest speed away from
     it.
     """
-    R, p, lower, upper = arm
+    chain, R, p, lower, upper = arm
     _, _, grid, frame, X_WO, V_WO, extra_clearance = obstacles
     if grid.size == 0 or not np.isfinite(X_WO.sum() + V_WO.sum()):
         return 0
     # Nothing approaches faster than this, so what is farther than it allows needs no closer look.
     fastest = math.sqrt(V_WO[3] ** 2 + V_WO[4] ** 2 + V_WO[5] ** 2)
     turning_rate = math.sqrt(V_WO[0] ** 2 + V_WO[1] ** 2 + V_WO[2] ** 2)
-    for j in range(IIWA_7.joints):
+    for j in range(len(chain) - 1):
         fastest += _LEVER * max(abs(lower[j]), abs(upper[j]))
     m = 0
     rows[0] = 0.0
@@ -240,7 +244,7 @@ def object_rows_kernel(arm, options, guarded, obstacles, most, rows, bounds):
         )
         turning = cross((V_WO[0], V_WO[1], V_WO[2]), lever)
         surface = V_WO[3] + turning[0], V_WO[4] + turning[1], V_WO[5] + turning[2]
-        add_lever(x, normal, 0, link, R, p, rows[m])
+        add_lever(chain, x, normal, 0, link, R, p, rows[m])
         m = _keep(rows, bounds, m, dot(normal, surface) - allowed, lower, upper)
     if m > most:
         kept = np.sort(np.argsort(-bounds[:m])[:most])
@@ -252,12 +256,13 @@ def object_rows_kernel(arm, options, guarded, obstacles, most, rows, bounds):
 
 @compiled
 def _write_request(qd_preferred, J, V, rotation_weight, damping, H, f):
-    """Writes the quadratic objective, H (7, 7) and f (7,); false if the request is not finite."""
+    """Writes the quadratic objective, H (n, n) and f (n,); false if the request is not finite."""
     # Requests are cut to this, far beyond what the arm can do, so that no square overflows.
     largest_request = 1e3
     H[:] = 0.0
     weight = damping if len(V) > 0 else 1.0
-    for i in range(IIWA_7.joints):
+    n = len(f)
+    for i in range(n):
         wish = min(max(qd_preferred[i], -largest_request), largest_request)
         H[i, i] = weight
         f[i] = -weight * wish
@@ -266,14 +271,14 @@ def _write_request(qd_preferred, J, V, rotation_weight, damping, H, f):
         square = rotation_weight**2 if r < 3 else 1.0
         wish = min(max(V[r], -largest_request), largest_request)
         total += V[r]
-        for i in range(IIWA_7.joints):
+        for i in range(n):
             scaled = square * J[r, i]
             f[i] -= scaled * wish
-            for j in range(IIWA_7.joints):
+            for j in range(n):
                 H[i, j] += scaled * J[r, j]
-    for i in range(IIWA_7.joints):
+    for i in range(n):
         total += qd_preferred[i] + f[i]
-        for j in range(IIWA_7.joints):
+        for j in range(n):
             total += H[i, j]
     return np.isfinite(total)
 
@@ -282,8 +287,8 @@ def _write_request(qd_preferred, J, V, rotation_weight, damping, H, f):
 def stop_kernel(H, f):
     """Writes the objective of standing still."""
     f[:] = 0.0
-    for i in range(IIWA_7.joints):
-        for j in range(IIWA_7.joints):
+    for i in range(len(H)):
+        for j in range(len(H)):
             H[i, j] = 1.0 if i == j else 0.0
 
 
@@ -291,31 +296,31 @@ def stop_kernel(H, f):
 def problem_kernel(request, options, body, obstacles, matrix, vector):
     """Writes the QP; returns the number of hard rows, -1 if the state is not finite, and of all.
 
-    In two arrays, since making a NumPy array costs as much as filling it: ``matrix`` has H (7, 7)
-    and below it the rows (m, 7), ``vector`` the lines lower bounds, upper bounds and f.
+    In two arrays, since making a NumPy array costs as much as filling it: ``matrix`` has H (n, n)
+    and below it the rows (m, n), ``vector`` the lines lower bounds, upper bounds and f.
     """
     q, qd_preferred, J, V, qd_last = request
-    settings = options[0]
-    lower, upper, f = vector[0], vector[1], vector[2, :7]
+    settings, n = options[0], len(q)
+    lower, upper, f = vector[0], vector[1], vector[2, :n]
     state = 0.0
-    for i in range(IIWA_7.joints):
+    for i in range(n):
         state += q[i] + (qd_last[i] if len(qd_last) > 0 else 0.0)
     if not np.isfinite(state):
         return -1, -1
-    bounds_kernel(q, qd_last, settings, lower, upper)
-    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
-    link_poses_kernel(q, R, p)
-    arm = ArmState(R, p, lower, upper)
-    m = rows_kernel(arm, settings, body, obstacles.grid, obstacles.frame, matrix[7:], lower[7:])
-    rows, bounds = matrix[7 + m :], lower[7 + m :]
+    bounds_kernel(body.chain, q, qd_last, settings, lower, upper)
+    R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    link_poses_kernel(body.chain, q, R, p)
+    arm = ArmState(body.chain, R, p, lower, upper)
+    m = rows_kernel(arm, settings, body, obstacles.grid, obstacles.frame, matrix[n:], lower[n:])
+    rows, bounds = matrix[n + m :], lower[n + m :]
     total = m + object_rows_kernel(
         arm, settings, body.guarded, obstacles, MOST_OBJECT_ROWS, rows, bounds
     )
-    upper[7 : 7 + total] = 1e30
+    upper[n : n + total] = 1e30
     if not _write_request(
-        qd_preferred, J, V, settings.rotation_weight, settings.damping, matrix[: IIWA_7.joints], f
+        qd_preferred, J, V, settings.rotation_weight, settings.damping, matrix[:n], f
     ):
-        stop_kernel(matrix[: IIWA_7.joints], f)
+        stop_kernel(matrix[:n], f)
     return m, total
 
 
@@ -323,18 +328,18 @@ def problem_kernel(request, options, body, obstacles, matrix, vector):
 def clip_kernel(qd, vector):
     """Rounds a solution into the joints' bounds; false if it is not finite."""
     total = 0.0
-    for i in range(IIWA_7.joints):
+    for i in range(len(qd)):
         total += qd[i]
         qd[i] = min(max(qd[i], vector[0, i]), vector[1, i])
     return np.isfinite(total)
 
 
 @compiled
-def brake_kernel(qd_last, acceleration_scale, period):
-    """The next velocity (7,) of braking from the last one; zero where not finite."""
-    qd = np.zeros(IIWA_7.joints)
+def brake_kernel(chain, qd_last, acceleration_scale, period):
+    """The next velocity (n,) of braking from the last one; zero where not finite."""
+    qd = np.zeros(len(chain) - 1)
     for i in range(len(qd_last)):
-        change = acceleration_scale * IIWA_7.acceleration_limits[i] * period
+        change = acceleration_scale * chain[i, ACCELERATION] * period
         if np.isfinite(qd_last[i]):
             qd[i] = qd_last[i] - min(max(qd_last[i], -change), change)
     return qd

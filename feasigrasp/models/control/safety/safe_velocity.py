@@ -53,12 +53,13 @@ from feasigrasp.models.quantities import (
     TWIST,
     PositiveShare,
 )
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model, hand_points
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: No rows, grid and object. Source: layout.
-_NONE, _NO_ROWS = np.empty(0), np.empty((0, IIWA_7.joints))
+_NONE, _NO_ROWS = np.empty(0), np.empty((0, 0))
 #: No grid, and no object. Source: layout.
 _NO_GRID = ObstacleGrid(np.empty((0, 0, 0), dtype=np.float32), np.zeros(5))
 _NO_OBJECT = MovingObject(_NO_GRID, np.eye(4), np.zeros(6))
@@ -87,6 +88,7 @@ class SafetyOptions:
         slow: ... up to g x distance and this speed [m/s]: a quick hand takes longer to stop.
         rotation_weight: Weight of rad/s against m/s in following a twist.
         damping: rho, the weight of the preferred joint velocity.
+        arm: The arm.
     """
 
     period: float = 0.005
@@ -105,6 +107,7 @@ class SafetyOptions:
     slow: float = 0.1
     rotation_weight: float = 0.3
     damping: float = 1e-3
+    arm: Arm = IIWA_7
 
     def __post_init__(self) -> None:
         """Checks the numbers.
@@ -114,7 +117,7 @@ class SafetyOptions:
                 gain asks for a quicker stop than the joints' accelerations allow.
         """
         check_fields(self, ControlError)
-        for entry in fields(self):
+        for entry in (each for each in fields(self) if each.name != "arm"):
             value = getattr(self, entry.name)
             signed = entry.name == "table_height"
             zero_allowed = entry.name == "position_margin" or entry.name.endswith("clearance")
@@ -128,7 +131,7 @@ class SafetyOptions:
                 )
         speed, acceleration = self.speed * self.velocity_scale, self.acceleration_scale
         most = float(
-            np.min(acceleration * IIWA_7.acceleration_limits / (speed * IIWA_7.velocity_limits))
+            np.min(acceleration * self.arm.acceleration_limits / (speed * self.arm.velocity_limits))
         )
         if self.approach_gain > most:
             raise ControlError(
@@ -155,32 +158,30 @@ class SafetyFilter(Frozen):
     def __post_init__(self) -> None:
         """Lays out the geometry for the kernels, and compiles them."""
         check_fields(self, ControlError)
-        model = capsule_model(self.gripper)
+        arm = self.options.arm
+        model, n = capsule_model(self.gripper, arm), arm.joints
         balls = arm_balls(model)
-        guarded = _kept_off_an_object(self.gripper)
+        guarded = _kept_off_an_object(self.gripper, arm)
         geometry = (
+            arm.chain,
             model.link,
             model.ends,
             model.radius,
             model.pairs,
             model.movers,
-            *balls,
+            *balls[1:],
             guarded,
         )
         made: Any = (np.ascontiguousarray(g) for g in geometry)
         arrays = record(self.options), Body(*made)
         object.__setattr__(self, "_arrays", arrays)
-        most = 8 + len(model.pairs) + 2 * len(model.movers) + len(balls.link) + len(guarded)
+        most = n + 1 + len(model.pairs) + 2 * len(model.movers) + len(balls.link) + len(guarded)
         # DAQP's flag of a constraint that may be violated with a penalty. Source: definition: DAQP.
         hard, soft = np.zeros(most, dtype=np.intc), np.full(most, 8, dtype=np.intc)
-        soft[: IIWA_7.joints] = 0
+        soft[:n] = 0
         object.__setattr__(self, "_senses", (hard, soft))
-        self.velocity(
-            np.zeros(IIWA_7.joints),
-            np.zeros(IIWA_7.joints),
-            np.zeros((6, IIWA_7.joints)),
-            np.zeros(6),
-        )
+        middle = 0.5 * (arm.lower + arm.upper)
+        self.velocity(middle, np.zeros(n), np.zeros((6, n)), np.zeros(6))
 
     def velocity(
         self,
@@ -221,26 +222,31 @@ class SafetyFilter(Frozen):
             matrix, vector, n_hard = self.problem(q, bent, J, V, **bodies)
         if len(matrix) == 0:
             last = _NONE if qd_last is None else np.ascontiguousarray(qd_last, dtype=float)
-            return brake_kernel(last, self.options.acceleration_scale, self.options.period)
-        hard, soft = self._senses
-        H, rows, (lower, upper, f) = matrix[: IIWA_7.joints], matrix[IIWA_7.joints :], vector
+            return brake_kernel(
+                self.options.arm.chain, last, self.options.acceleration_scale, self.options.period
+            )
+        (hard, soft), joints = self._senses, matrix.shape[1]
+        H, rows, (lower, upper, f) = matrix[:joints], matrix[joints:], vector
         n = len(lower)
         senses = hard[:n]
         if n_hard < len(rows):
-            senses = np.concatenate([hard[: 7 + n_hard], soft[7 + n_hard : n]])
-        qd, _, status, _ = daqp.solve(H, f[: IIWA_7.joints], rows, upper, lower, senses)
+            senses = np.concatenate([hard[: joints + n_hard], soft[joints + n_hard : n]])
+        qd, _, status, _ = daqp.solve(H, f[:joints], rows, upper, lower, senses)
         if status > 0 and clip_kernel(qd, vector):
             return qd
         stop_kernel(H, f)
-        qd, _, status, _ = daqp.solve(H, f[: IIWA_7.joints], rows, upper, lower, soft[:n])
+        qd, _, status, _ = daqp.solve(H, f[:joints], rows, upper, lower, soft[:n])
         if status > 0 and clip_kernel(qd, vector):
             return qd
-        return np.clip(0.0, lower[: IIWA_7.joints], upper[: IIWA_7.joints])
+        return np.clip(0.0, lower[:joints], upper[:joints])
 
     def warm_up(self) -> None:
         """Calls what else would be fetched inside the first tick that has no solution."""
-        stop_kernel(np.eye(IIWA_7.joints), np.zeros(IIWA_7.joints))
-        brake_kernel(_NONE, self.options.acceleration_scale, self.options.period)
+        n = self.options.arm.joints
+        stop_kernel(np.eye(n), np.zeros(n))
+        brake_kernel(
+            self.options.arm.chain, _NONE, self.options.acceleration_scale, self.options.period
+        )
 
     @checked(ControlError, "SafetyFilter")
     def problem(
@@ -257,7 +263,7 @@ class SafetyFilter(Frozen):
         """The QP that `velocity` solves, for its arguments.
 
         Returns:
-            ``matrix`` (7 + m, 7), H above the rows A; and ``vector`` (3, 7 + m): lower bounds of qd
+            ``matrix`` (n + m, n), H above the rows A; and ``vector`` (3, n + m): lower bounds of qd
             and of A qd, their upper bounds, and f followed by zeros. The matrix
             is empty if the state is not finite. Rows that no velocity inside the bounds breaks are
             left out.
@@ -268,7 +274,9 @@ class SafetyFilter(Frozen):
         if (J is None) != (V is None):
             raise ControlError("SafetyFilter: J and V belong together; give both or neither")
         most = len(self._senses[0])
-        matrix, vector = np.empty((most, IIWA_7.joints)), np.zeros((3, most))
+        n = self.options.arm.joints
+        self.options.arm.positions(q, 1)
+        matrix, vector = np.empty((most, n)), np.zeros((3, most))
         grid = _NO_GRID if obstacles is None else obstacles
         target = _NO_OBJECT if moving is None else moving
         request = Request(
@@ -281,17 +289,19 @@ class SafetyFilter(Frozen):
         moving_grid, pose = target.grid, (target.X_WO, target.V_WO, float(target.extra_clearance))
         scene = Obstacles(grid.values, grid.frame, moving_grid.values, moving_grid.frame, *pose)
         n_hard, m = problem_kernel(request, *self._arrays, scene, matrix, vector)
-        return matrix[: 7 + m if m >= 0 else 0], vector[:, : 7 + max(m, 0)], n_hard
+        return matrix[: n + m if m >= 0 else 0], vector[:, : n + max(m, 0)], n_hard
 
 
-def _kept_off_an_object(gripper: ParallelGripper | None) -> Array:
+def _kept_off_an_object(gripper: ParallelGripper | None, arm: Arm) -> Array:
     """Points of the opened hand and balls that cover the arm: link, x, y, z, radius, shape (k, 5).
 
     The hand is more than its balls, which would fill the room between the fingers.
     """
-    points, arm = hand_points(gripper), arm_balls(capsule_model(gripper, with_hand=False))
-    hand = np.hstack([np.full((len(points), 1), 7.0), points, np.zeros((len(points), 1))])
-    return np.concatenate([hand, np.column_stack([arm.link, arm.center, arm.radius])])
+    points = hand_points(gripper, arm)
+    balls = arm_balls(capsule_model(gripper, arm, with_hand=False))
+    link = np.full((len(points), 1), float(arm.joints))
+    hand = np.hstack([link, points, np.zeros((len(points), 1))])
+    return np.concatenate([hand, np.column_stack([balls.link, balls.center, balls.radius])])
 
 
 def bending_velocity(q: Array, qd_preferred: Array, V: Array | None) -> Array:

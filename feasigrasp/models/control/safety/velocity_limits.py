@@ -27,7 +27,7 @@ Drive: from a commanded velocity to the next desired position.
 
 What the arm is sent are desired positions. With ``v_k = (q_k - q_(k-1)) / T`` they keep
 
-    |q_k| <= limit - margin,    |v_k| <= s velocity limit,    |v_k - v_(k-1)| <= a T
+    lower + margin <= q_k <= upper - margin,    |v_k| <= s velocity limit,    |v_k - v_(k-1)| <= a T
 
 with the arm's speed s in (0, 1] and a the share `Arm.acceleration_share` of the acceleration
 limits, whatever is commanded: a joint is never faster than what steps of
@@ -43,7 +43,14 @@ itself.
 import numpy as np
 
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.arm import (
+    ACCELERATION,
+    COMMANDED,
+    LOWER,
+    MARGIN,
+    UPPER,
+    VELOCITY,
+)
 
 #: A command beyond this multiple of the velocity limits is a fault of the controller.
 #: Source: guessed.
@@ -68,20 +75,20 @@ def _approach(room, gain, speed, deceleration, period):
 
 
 @compiled
-def bounds_kernel(q, qd_last, options, lower, upper):
-    """Writes joint velocity bounds into the first seven entries of ``lower`` and ``upper``.
+def bounds_kernel(chain, q, qd_last, options, lower, upper):
+    """Writes joint velocity bounds into the first n entries of ``lower`` and ``upper``.
 
-    ``qd_last`` is the previous command (7,), or empty if accelerations are not limited;
+    ``qd_last`` is the previous command (n,), or empty if accelerations are not limited;
     ``options`` are `SafetyOptions`, as a record.
     """
     gain, period = options.approach_gain, options.period
-    for i in range(IIWA_7.joints):
-        speed = options.speed * options.velocity_scale * IIWA_7.velocity_limits[i]
-        acceleration = options.acceleration_scale * IIWA_7.acceleration_limits[i]
+    margin = options.position_margin
+    for i in range(len(q)):
+        speed = options.speed * options.velocity_scale * chain[i, VELOCITY]
+        acceleration = options.acceleration_scale * chain[i, ACCELERATION]
         deceleration = acceleration / (2.0 + gain * period)
-        limit = IIWA_7.position_limits[i] - options.position_margin
-        up = _approach(limit - q[i], gain, speed, deceleration, period)
-        down = -_approach(limit + q[i], gain, speed, deceleration, period)
+        up = _approach(chain[i, UPPER] - margin - q[i], gain, speed, deceleration, period)
+        down = -_approach(q[i] - (chain[i, LOWER] + margin), gain, speed, deceleration, period)
         if len(qd_last) > 0:
             v, change = qd_last[i], acceleration * period
             share = options.speed_gain * period
@@ -92,40 +99,39 @@ def bounds_kernel(q, qd_last, options, lower, upper):
 
 
 @compiled
-def is_fault_kernel(command):
-    """Whether a command (7,) [rad/s] is not finite, or beyond `WILD` times the velocity limits."""
-    for i in range(IIWA_7.joints):
-        if not abs(command[i]) <= WILD * IIWA_7.velocity_limits[i]:
+def is_fault_kernel(chain, command):
+    """Whether a command (n,) [rad/s] is not finite, or beyond `WILD` times the velocity limits."""
+    for i in range(len(command)):  # noqa: SIM110 - numba compiles the loop, not any()
+        if not abs(command[i]) <= WILD * chain[i, VELOCITY]:
             return True
     return False
 
 
 @compiled
-def drive_step_kernel(q, v, command, measured, bounds, q_next, v_next):
-    """Writes the next desired positions and velocities (7,), inside all limits.
+def drive_step_kernel(chain, q, v, command, measured, bounds, q_next, v_next):
+    """Writes the next desired positions and velocities (n,), inside all limits.
 
     Args:
-        q: Desired positions now [rad], shape (7,).
-        v: The velocity that led there [rad/s], shape (7,).
-        command: Commanded velocity [rad/s], shape (7,); one that is a fault counts as zero.
-        measured: Measured positions [rad], shape (7,); not looked at where not finite.
+        chain: That of the `Arm`.
+        q: Desired positions now [rad], shape (n,).
+        v: The velocity that led there [rad/s], shape (n,).
+        command: Commanded velocity [rad/s], shape (n,); one that is a fault counts as zero.
+        measured: Measured positions [rad], shape (n,); not looked at where not finite.
         bounds: Period of the control [s]; how far the desired position may be ahead of the measured
             one [rad]; share of the velocity limits that may be used, in (0, 1].
-        q_next: Written, shape (7,).
-        v_next: Written, shape (7,).
+        q_next: Written, shape (n,).
+        v_next: Written, shape (n,).
 
     Returns:
         Whether the command is a fault.
     """
     period, lead, speed = bounds
-    fault = is_fault_kernel(command)
-    for i in range(IIWA_7.joints):
-        a = IIWA_7.acceleration_share * IIWA_7.acceleration_limits[i]
-        most = speed * IIWA_7.velocity_limits[i]
-        limit = IIWA_7.position_limits[i] - IIWA_7.position_margin
+    fault = is_fault_kernel(chain, command)
+    for i in range(len(q)):
+        a, most, margin = chain[i, COMMANDED], speed * chain[i, VELOCITY], chain[i, MARGIN]
         ahead = q[i] - measured[i]
-        up = _bound(limit - q[i], ahead, most, a, period, lead)
-        down = -_bound(limit + q[i], -ahead, most, a, period, lead)
+        up = _bound(chain[i, UPPER] - margin - q[i], ahead, most, a, period, lead)
+        down = -_bound(q[i] - (chain[i, LOWER] + margin), -ahead, most, a, period, lead)
         wish = 0.0 if fault else min(max(command[i], down), up)
         v_next[i] = min(max(wish, v[i] - a * period), v[i] + a * period)
         q_next[i] = q[i] + period * v_next[i]

@@ -16,6 +16,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, standoff_kernel
 from feasigrasp.models.ik.continuation import branch_kernel
 from feasigrasp.models.ik.self_motion import arm_angle_kernel
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from tests.plan_knots import empty_form, knots_at, neighbours
 
@@ -30,8 +31,8 @@ WEIGHT = OPTIONS.distance
 def held(solutions):
     """Grasps that configurations (n, 7) hold, with branches and arm angles."""
     X_OG = se3.inverse(X_WO) @ forward_kinematics(solutions, X_FG)
-    branch = np.array([branch_kernel(q) for q in solutions])
-    return X_OG, branch, np.array([arm_angle_kernel(q) for q in solutions])
+    branch = np.array([branch_kernel(IIWA_7.chain, q) for q in solutions])
+    return X_OG, branch, np.array([arm_angle_kernel(IIWA_7.chain, q) for q in solutions])
 
 
 def quadratic_form(q, grasps, penalty, *, share=1.0, corridor=DIRECT, X_WO=X_WO):
@@ -64,8 +65,8 @@ def test_the_solution_is_that_of_the_grasp_pulled_back(share):
     expected = X_WO @ X_OG[0]
     expected[:3, 3] -= back * expected[:3, 2]
     np.testing.assert_allclose(X_WT, expected, atol=1e-5)
-    assert branch_kernel(target) == branch[0]
-    assert arm_angle_kernel(target) == pytest.approx(psi[0], abs=1e-5)
+    assert branch_kernel(IIWA_7.chain, target) == branch[0]
+    assert arm_angle_kernel(IIWA_7.chain, target) == pytest.approx(psi[0], abs=1e-5)
 
 
 @pytest.mark.parametrize("seed", range(5))

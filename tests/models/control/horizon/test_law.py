@@ -258,8 +258,8 @@ def test_a_hand_that_closes_keeps_to_the_first_grasp_in_its_configuration():
     np.testing.assert_array_equal(selected, first)
     plan = selection.plan
     assert len(plan.grasps) == len(plan.penalty) == 1
-    assert plan.branch.tolist() == [branch_kernel(Q)]
-    assert plan.psi[0] == pytest.approx(arm_angle_kernel(Q))
+    assert plan.branch.tolist() == [branch_kernel(IIWA_7.chain, Q)]
+    assert plan.psi[0] == pytest.approx(arm_angle_kernel(IIWA_7.chain, Q))
     np.testing.assert_array_equal(plan.q, Q)
 
 

@@ -57,7 +57,7 @@ def reference(times, twist=V_WO, *, q=Q, q_grasp=Q_GRASP, left=0.0, near=0.0, co
     knots = knots_at(
         np.zeros((len(times), 7)), X_FG, poses, times=times, X_WO_after=after, hand=hand
     )
-    held = [branch_kernel(q_grasp)], [arm_angle_kernel(q_grasp)]
+    held = [branch_kernel(IIWA_7.chain, q_grasp)], [arm_angle_kernel(IIWA_7.chain, q_grasp)]
     meeting = Meeting(q, V, left, Q_THERE, V_THERE)
     q_ref, v_ref = np.empty((2, len(times), 7))
     reference_kernel(
@@ -97,8 +97,10 @@ def test_after_the_arrival_the_hand_is_at_the_pulled_back_grasp(corridor):
     for k in np.flatnonzero(times >= 0.25):
         X_WH = forward_kinematics(found.q[k], X_FG)
         np.testing.assert_allclose(X_WH, found.target(k), atol=1e-6)
-        assert branch_kernel(found.q[k]) == branch_kernel(Q_GRASP)
-        assert arm_angle_kernel(found.q[k]) == pytest.approx(arm_angle_kernel(Q_GRASP), abs=1e-6)
+        assert branch_kernel(IIWA_7.chain, found.q[k]) == branch_kernel(IIWA_7.chain, Q_GRASP)
+        assert arm_angle_kernel(IIWA_7.chain, found.q[k]) == pytest.approx(
+            arm_angle_kernel(IIWA_7.chain, Q_GRASP), abs=1e-6
+        )
 
 
 def test_after_the_arrival_its_velocity_is_the_derivative():

@@ -5,8 +5,7 @@ import pytest
 
 from feasigrasp.models.control.planning.touch import (
     THRESHOLD,
-    TOUCH_STATE,
-    TOUCHES,
+    touch_state,
     touch_step_kernel,
     yielding_velocity,
 )
@@ -22,10 +21,10 @@ J = pose_and_jacobian(Q, ParallelGripper().X_FG)[1]
 
 def sensed(torques):
     """States after each of the external torques."""
-    state, states = np.zeros(TOUCH_STATE), []
+    state, states = touch_state(7), []
     for torque in torques:
-        after = np.empty(TOUCH_STATE)
-        touch_step_kernel(state, np.asarray(torque, dtype=float), PERIOD, after)
+        after = np.empty(len(state))
+        touch_step_kernel(IIWA_7.chain, state, np.asarray(torque, dtype=float), PERIOD, after)
         state = after
         states.append(state)
     return np.array(states)
@@ -45,7 +44,7 @@ def reported(torques, factor, seed, turning=1.5):
 def test_errors_of_the_arms_own_estimate_are_no_touch(factor, seed):
     """60 s each, at the published size (2 % of the largest torque) and at twice that."""
     states = sensed(reported([np.zeros(7)] * 30000, factor, seed))
-    assert states[-1, TOUCHES] == 0
+    assert states[-1, 15] == 0
     assert not states[:, 7:14].any()
 
 
@@ -62,7 +61,7 @@ def test_ten_newtons_at_the_hand_are_noticed_in_20_ms_and_forgotten_after(factor
         states = sensed(reported(torques, factor, noticed))[500:]
         touched = states[:, 7:14].any(axis=1)
         assert 0 < np.argmax(touched) * PERIOD < 0.02
-        assert not touched[-1] and touched[120] and states[-1, TOUCHES] == 1
+        assert not touched[-1] and touched[120] and states[-1, 15] == 1
         direction = states[49, 7:14] / np.linalg.norm(states[49, 7:14])
         error = direction - torque / np.linalg.norm(torque)
         np.testing.assert_allclose(error, 0.0, atol=1e-9 if factor == 0.0 else 0.5)
@@ -72,7 +71,7 @@ def test_ten_newtons_at_the_hand_are_noticed_in_20_ms_and_forgotten_after(factor
 
 def test_a_torque_that_is_not_finite_is_none():
     states = sensed([np.full(7, np.nan)] * 20 + [np.full(7, np.inf)] * 20)
-    assert np.isfinite(states).all() and states[-1, TOUCHES] == 0
+    assert np.isfinite(states).all() and states[-1, 15] == 0
 
 
 @pytest.mark.parametrize("seed", range(5))

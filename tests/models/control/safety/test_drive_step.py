@@ -26,7 +26,9 @@ def sent(q, commands, *, measured=None, period=0.005, lead=LEAD, speed=1.0):
     for k, command in enumerate(commands):
         here = q if measured is None else measured(k, q)
         q_next, v_next = np.empty(7), np.empty(7)
-        faults += drive_step_kernel(q, v, command, here, (period, lead, speed), q_next, v_next)
+        faults += drive_step_kernel(
+            IIWA_7.chain, q, v, command, here, (period, lead, speed), q_next, v_next
+        )
         # What is called the desired velocity is the difference of the positions.
         np.testing.assert_allclose(v_next * period, q_next - q, atol=1e-12)
         q, v = q_next, v_next
@@ -106,9 +108,9 @@ def test_a_faulty_command_brakes_as_hard_as_may_be(bad):
 
 
 def test_what_counts_as_a_fault():
-    assert not is_fault_kernel(0.99 * WILD * V)
-    assert is_fault_kernel(1.01 * WILD * V)
-    assert is_fault_kernel(np.r_[np.zeros(6), np.nan])
+    assert not is_fault_kernel(IIWA_7.chain, 0.99 * WILD * V)
+    assert is_fault_kernel(IIWA_7.chain, 1.01 * WILD * V)
+    assert is_fault_kernel(IIWA_7.chain, np.r_[np.zeros(6), np.nan])
 
 
 def test_a_blocked_arm_is_waited_for():

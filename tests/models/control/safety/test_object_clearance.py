@@ -159,9 +159,12 @@ def all_rows(q, grid, X_WO, V_WO, most=10_000, points=None, extra_clearance=0.0)
     rows, bounds = np.empty((len(hand) + 1, 7)), np.empty(len(hand) + 1)
     wide = np.full(7, 1e6)
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
-    link_poses_kernel(q, R, p)
+    link_poses_kernel(IIWA_7.chain, q, R, p)
     options = record(SafetyOptions(object_clearance=0.0, object_gain=1.0, slow=1e3))[0]
-    arm, nothing = ArmState(R, p, -wide, wide), (np.empty((0, 0, 0), np.float32), np.zeros(5))
+    arm, nothing = (
+        ArmState(IIWA_7.chain, R, p, -wide, wide),
+        (np.empty((0, 0, 0), np.float32), np.zeros(5)),
+    )
     moving = Obstacles(*nothing, grid.values, grid.frame, X_WO, V_WO, extra_clearance)
     m = object_rows_kernel(arm, options, hand, moving, most, rows, bounds)
     return rows[:m].copy(), bounds[:m].copy()
@@ -210,7 +213,7 @@ def test_a_finger_is_not_stopped_at_the_mouth_of_a_bowl():
     grid = ObstacleGrid(distance.astype(np.float32), np.array([*low, size, far]))
     tip = np.array([[0.0, 0.0, 0.225]])  # on the axis of link 7
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
-    link_poses_kernel(Q, R, p)
+    link_poses_kernel(IIWA_7.chain, Q, R, p)
     for height in (0.03, 0.005):
         X_WO = at(R[7] @ tip[0] + p[7] - [0.0, 0.0, height])
         _, bounds = all_rows(Q, grid, X_WO, np.zeros(6), points=tip)
@@ -283,14 +286,14 @@ def test_a_hand_that_comes_at_full_speed_can_still_brake(safety, grid):
 def test_the_forearm_keeps_off_too(safety, grid):
     """Joint 1 swings the arm past a ball beside the forearm, where the hand does not come."""
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
-    link_poses_kernel(Q, R, p)
+    link_poses_kernel(IIWA_7.chain, Q, R, p)
     middle = 0.5 * (p[4] + p[6])  # between elbow and wrist
     turn = se3.so3_exp([0.0, 0.0, 0.5])
     X_WO = at(turn @ middle)
     balls = arm_balls(capsule_model(GRIPPER, with_hand=False))
 
     def arm_gap(q):
-        link_poses_kernel(q, R, p)
+        link_poses_kernel(IIWA_7.chain, q, R, p)
         centers = np.einsum("kij,kj->ki", R[balls.link], balls.center) + p[balls.link]
         return (np.linalg.norm(centers - X_WO[:3, 3], axis=1) - balls.radius).min() - RADIUS
 

@@ -17,7 +17,14 @@ CAPACITY = OPTIONS.velocity_scale * IIWA_7.velocity_limits
 def velocity_bounds(q, options, qd_last=None):
     """Lower and upper bounds, shape (7,) each."""
     lower, upper = np.empty(7), np.empty(7)
-    bounds_kernel(q, np.empty(0) if qd_last is None else qd_last, record(options)[0], lower, upper)
+    bounds_kernel(
+        IIWA_7.chain,
+        q,
+        np.empty(0) if qd_last is None else qd_last,
+        record(options)[0],
+        lower,
+        upper,
+    )
     return lower, upper
 
 

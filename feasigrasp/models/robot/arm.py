@@ -1,0 +1,248 @@
+"""A serial arm as a value: axes, limits, capsules, and the array of them that kernels take.
+
+The frame of every link is parallel to the base frame at ``q = 0``, with its origin on the axis of
+the link's joint. A joint is then described by a point and a direction, and the forward kinematics
+are a product of turns about known axes (Brockett 1984).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from feasigrasp.errors import ArgumentError
+from feasigrasp.models.arguments import check_fields, checked
+from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.quantities import JOINTS, POSE, ArrayOf, Whole
+
+#: Columns of a joint's row in `Arm.chain`: its axis (0 x, 1 y, 2 z) and the sign of it, the way
+#: from the link before, and its limits. Source: layout.
+AXIS, SIGN, OFFSET = 0, 1, 2
+LOWER, UPPER, VELOCITY, ACCELERATION, EFFORT = 5, 6, 7, 8, 9
+#: The acceleration that may be commanded, and the margin of position. Source: layout.
+COMMANDED, MARGIN = 10, 11
+#: The point on the axis. Source: layout.
+POINT = 12
+#: Columns of the last row, the flange's: way from the last link, rotation and place at q = 0, its
+#: `Family`, and the lengths or points that inverse kinematics needs. Source: layout.
+ROTATION, PLACE, FAMILY, GEOMETRY, COLUMNS = 5, 14, 17, 18, 24
+#: Axes that come this near meet [m]: digits of model files. Source: numerical.
+MEETING_TOLERANCE = 1e-5
+
+
+class Family(IntEnum):
+    """Build of an arm, which decides about its inverse kinematics."""
+
+    #: Axes 1 to 3 meet, axes 5 to 7 meet, and axis 4 is at right angles to both neighbours.
+    SRS = 0
+    #: Axes 1 to 3 meet, and axes 5 and 6.
+    SHOULDER_WRIST = 1
+    #: Axes 2 to 4 of six are parallel.
+    PARALLEL = 2
+
+
+class DriverLimits(NamedTuple):
+    """Limits of the real arm's driver; without effect in simulation. One entry per joint.
+
+    Attributes:
+        lower: Joint positions are clamped to these ... [rad]
+        upper: ... and these [rad].
+        velocity: Joint velocities to -velocity ... velocity [rad/s].
+        external_torque: The arm stops where the external torque of a joint exceeds this [Nm].
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    external_torque: Array
+
+
+class Capsule(NamedTuple):
+    """A segment from ``a`` to ``b`` with a radius, in the frame of the body's link [m]."""
+
+    body: int
+    a: tuple[float, float, float]
+    b: tuple[float, float, float]
+    radius: float
+
+
+_VECTOR, _VECTORS = ArrayOf(("n",)), ArrayOf(("n", 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Arm(Frozen):
+    """A serial arm of n revolute joints; its arrays are read-only.
+
+    Attributes:
+        name: Model instance in Drake, and first part of the names of joints and links.
+        points: Origin of each joint's link in the base frame at q = 0, shape (n, 3) [m].
+        axes: Joint axes in the base frame at q = 0, along +-x, +-y or +-z, shape (n, 3).
+        X_WF: Flange frame in the base frame at q = 0, shape (4, 4) [m]. A hand is mounted on it as
+            `ParallelGripper.X_FG` says.
+        lower: Lower limits of the joint positions, shape (n,) [rad].
+        upper: Upper limits, shape (n,) [rad].
+        velocity_limits: Symmetric, shape (n,) [rad/s].
+        acceleration_limits: Symmetric, shape (n,) [rad/s^2].
+        effort_limits: Symmetric, shape (n,) [Nm].
+        driver: Limits of the real arm's driver.
+        acceleration_share: What is commanded uses at most this share of the acceleration limits;
+            the rest is the overshoot of the arm's position controller.
+        position_margin: What is commanded keeps this far inside the position limits [rad], farther
+            than the driver clamps; a configuration nearer to them is none that the arm may take.
+        capsules: Those of the base, body 0, and of the links, in the order of the bodies.
+        pairs: Bodies that can come close, see `feasigrasp.models.robot.capsules.body_pairs`.
+        family: Its build.
+        kp: Gains of the joints' simulated PD controllers, shape (n,) [Nm/rad].
+        kd: Likewise, shape (n,) [Nm s/rad].
+        inertias: Of base and links, mass [kg], centre of mass [m] and Ixx, Iyy, Izz, Ixy, Ixz, Iyz
+            about that [kg m^2] in the frame of each, shape (n + 1, 10).
+        rotor_inertias: Of the motors, as the joints feel them, shape (n,) [kg m^2].
+        home: A configuration from which the hand looks down in front of the arm, shape (n,) [rad].
+        chain: What kernels take, shape (n + 1, 24): a row for each joint and one for the flange.
+    """
+
+    name: str
+    points: Annotated[Array, _VECTORS]
+    axes: Annotated[Array, _VECTORS]
+    X_WF: Annotated[Array, POSE]
+    lower: Annotated[Array, _VECTOR]
+    upper: Annotated[Array, _VECTOR]
+    velocity_limits: Annotated[Array, _VECTOR]
+    acceleration_limits: Annotated[Array, _VECTOR]
+    effort_limits: Annotated[Array, _VECTOR]
+    driver: DriverLimits
+    acceleration_share: float
+    position_margin: float
+    capsules: tuple[Capsule, ...]
+    pairs: tuple[tuple[int, int], ...]
+    family: Family
+    inertias: Annotated[Array, ArrayOf(("m", 10))]
+    rotor_inertias: Annotated[Array, _VECTOR]
+    kp: Annotated[Array, _VECTOR]
+    kd: Annotated[Array, _VECTOR]
+    home: Annotated[Array, _VECTOR]
+    chain: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Checks the arrays, and lays them out for kernels.
+
+        Raises:
+            ArgumentError: One has another shape, or an axis another direction.
+        """
+        check_fields(self, ArgumentError)
+        arrays = {k: np.array(v) for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+        if (
+            not np.isin(np.abs(self.axes), (0.0, 1.0)).all()
+            or (np.abs(self.axes).sum(1) != 1).any()
+        ):
+            raise ArgumentError(f"Arm.axes = {self.axes.tolist()}; give axes along x, y or z")
+        self._freeze(**arrays, chain=self._laid_out())
+
+    def _laid_out(self) -> Array:
+        n = self.joints
+        chain = np.zeros((n + 1, COLUMNS))
+        joints, flange = chain[:n], chain[n]
+        joints[:, AXIS] = np.abs(self.axes).argmax(axis=1)
+        joints[:, SIGN] = self.axes.sum(axis=1)
+        chain[:, OFFSET:LOWER] = np.diff([np.zeros(3), *self.points, self.X_WF[:3, 3]], axis=0)
+        joints[:, LOWER], joints[:, UPPER] = self.lower, self.upper
+        joints[:, VELOCITY], joints[:, ACCELERATION] = (
+            self.velocity_limits,
+            self.acceleration_limits,
+        )
+        joints[:, EFFORT] = self.effort_limits
+        joints[:, COMMANDED] = self.acceleration_share * self.acceleration_limits
+        joints[:, MARGIN] = self.position_margin
+        joints[:, POINT : POINT + 3] = self.points
+        flange[ROTATION:PLACE], flange[PLACE:FAMILY] = self.X_WF[:3, :3].ravel(), self.X_WF[:3, 3]
+        flange[FAMILY] = self.family
+        if self.family == Family.SRS:
+            flange[GEOMETRY : GEOMETRY + 4] = self.lengths
+        elif self.family == Family.SHOULDER_WRIST:
+            flange[GEOMETRY:] = *self._meeting(0, 1, 2), *self._meeting(4, 5)
+        else:
+            flange[GEOMETRY : GEOMETRY + 3] = self._meeting(4, 5)
+        return chain
+
+    def _meeting(self, *joints: int) -> Array:
+        """The point where axes meet [m].
+
+        Raises:
+            ArgumentError: They do not.
+        """
+        axes, points = self.axes[[*joints]], self.points[[*joints]]
+        across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+        meeting = np.linalg.lstsq(across.sum(0), np.einsum("kij,kj->i", across, points))[0]
+        apart = np.abs(np.einsum("kij,kj->ki", across, meeting - points)).max()
+        if apart > MEETING_TOLERANCE:
+            raise ArgumentError(
+                f"axes {', '.join(str(j + 1) for j in joints)} of {self.name} miss each other by "
+                f"{1e3 * apart:.3g} mm; give another family than {self.family.name}"
+            )
+        return np.asarray(meeting)
+
+    @property
+    def joints(self) -> int:
+        """How many."""
+        return len(self.axes)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names in the model files, from the base on."""
+        return tuple(f"{self.name}_joint_{i + 1}" for i in range(self.joints))
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """Names in the model files, from the base, link 0, on; one more than joints."""
+        return tuple(f"{self.name}_link_{i}" for i in range(self.joints + 1))
+
+    @property
+    def X_LF(self) -> Array:
+        """The flange frame in the frame of the last link, shape (4, 4) [m]."""
+        X_LF = self.X_WF.copy()
+        X_LF[:3, 3] = self.chain[-1, OFFSET:LOWER]
+        return X_LF
+
+    @checked()
+    def positions(self, q: Annotated[ArrayLike, JOINTS], ndim: Whole | None = None) -> Array:
+        """Joint positions as compiled code takes them, a contiguous array of shape (..., joints).
+
+        Raises:
+            ArgumentError: The last axis has another length, there are not ``ndim`` axes, or a joint
+                turns by more than 2 pi (degrees?).
+        """
+        Q = np.asarray(q)
+        if ndim not in (None, Q.ndim) or Q.shape[-1:] != (self.joints,):
+            form = f"({self.joints},)" if ndim == 1 else f"(..., {self.joints})"
+            raise ArgumentError(f"q has shape {Q.shape}; give shape {form} for ndim = {ndim}")
+        return Q
+
+    @checked()
+    def random_positions(self, rng: np.random.Generator, n: Whole) -> Array:
+        """Joint positions uniform inside the limits, shape (n, joints) [rad]."""
+        return rng.uniform(self.lower, self.upper, (n, self.joints))
+
+    @property
+    def position_limits(self) -> Array:
+        """Of an arm whose limits are symmetric: -position_limits <= q <= position_limits [rad]."""
+        return self.upper
+
+    @property
+    def link_steps(self) -> tuple[float, ...]:
+        """Heights at q = 0 from each link, the base included, to the next, the flange last [m]."""
+        return tuple(self.chain[:, OFFSET + 2].tolist())
+
+    @property
+    def lengths(self) -> tuple[float, float, float, float]:
+        """Of an S-R-S arm: base-shoulder, shoulder-elbow, elbow-wrist and wrist-flange [m].
+
+        The shoulder is at joint 2, the elbow at joint 4, the wrist at joint 6.
+        """
+        shoulder, elbow, wrist = self.points[1:6:2, 2].tolist()
+        heights = [0.0, shoulder, elbow, wrist, float(self.X_WF[2, 3])]
+        a, b, c, d = (round(high - low, 9) for low, high in zip(heights, heights[1:], strict=False))
+        return a, b, c, d

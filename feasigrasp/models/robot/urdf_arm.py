@@ -1,0 +1,283 @@
+"""An arm's description from a URDF: axes, limits, inertias, capsules around its meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import trimesh
+from scipy.optimize import minimize
+
+from feasigrasp.errors import ArgumentError
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.robot.arm import MEETING_TOLERANCE
+
+#: Axes that are off a coordinate axis by less are along it: digits of model files [rad]. Source:
+#: numerical.
+_ALONG = 1e-4
+#: Without an acceleration limit a joint reaches its speed limit in this time [s]. Source: guessed.
+_SPEED_UP = 0.3
+
+
+@dataclass
+class _Body:
+    """What moves with one joint: masses, and vertices, in the base frame at q = 0."""
+
+    mass: float = 0.0
+    moment: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    vertices: list[Array] = field(default_factory=list)
+
+    def add(self, X_WL: Array, link: ET.Element, folder: Path) -> None:
+        """Takes in a link whose frame is at X_WL (4, 4)."""
+        inertial = link.find("inertial")
+        if inertial is not None:
+            X_WI = X_WL @ _origin(inertial)
+            mass, values = float(_value(inertial, "mass", "value")), inertial.find("inertia")
+            assert values is not None
+            ixx, iyy, izz, ixy, ixz, iyz = (
+                float(values.get(key, 0.0)) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+            )
+            own = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+            R, p = X_WI[:3, :3], X_WI[:3, 3]
+            self.mass += mass
+            self.moment += mass * p
+            self.inertia += R @ own @ R.T + mass * (p @ p * np.eye(3) - np.outer(p, p))
+        for shape in link.findall("collision") or link.findall("visual"):
+            mesh = _mesh(shape, folder)
+            X_WS = X_WL @ _origin(shape)
+            self.vertices.append(mesh.convex_hull.vertices @ X_WS[:3, :3].T + X_WS[:3, 3])
+
+
+def _origin(element: ET.Element) -> Array:
+    found = element.find("origin")
+    values = {} if found is None else found.attrib
+    x, y, z = (float(v) for v in values.get("xyz", "0 0 0").split())
+    roll, pitch, yaw = (float(v) for v in values.get("rpy", "0 0 0").split())
+    turns = ((yaw, [0, 0, 1.0]), (pitch, [0, 1.0, 0]), (roll, [1.0, 0, 0]))
+    R = np.eye(3)
+    for angle, axis in turns:
+        R = R @ se3.so3_exp(angle * np.array(axis))
+    return se3.make_pose(R, np.array([x, y, z]))
+
+
+def _value(element: ET.Element, tag: str, key: str) -> str:
+    found = element.find(tag)
+    if found is None or key not in found.attrib:
+        raise ArgumentError(f"<{element.tag} name={element.get('name')!r}> has no {tag} with {key}")
+    return found.attrib[key]
+
+
+def _mesh(shape: ET.Element, folder: Path) -> trimesh.Trimesh:
+    geometry = shape.find("geometry")
+    assert geometry is not None
+    each = geometry[0]
+    if each.tag == "mesh":
+        mesh: trimesh.Trimesh = trimesh.load_mesh(_file(each.attrib["filename"], folder))
+        mesh.apply_scale([float(v) for v in each.get("scale", "1 1 1").split()])
+        return mesh
+    if each.tag == "box":
+        return trimesh.creation.box([float(v) for v in each.attrib["size"].split()])
+    if each.tag == "sphere":
+        return trimesh.creation.icosphere(radius=float(each.attrib["radius"]))
+    return trimesh.creation.cylinder(float(each.attrib["radius"]), float(each.attrib["length"]))
+
+
+def _file(name: str, folder: Path) -> Path:
+    """A mesh by its name in a URDF; of packages the folders above the URDF are looked through."""
+    path = name.removeprefix("file://").removeprefix("package://")
+    tails = [Path(*Path(path).parts[k:]) for k in (0, 1)]
+    for place in (folder, *folder.parents):
+        for tail in tails:
+            if (place / tail).is_file():
+                return place / tail
+    raise ArgumentError(f"there is no {name} in or above {folder}")
+
+
+def _snapped(X: Array) -> Array:
+    """A pose whose rotation has its axes along coordinate axes, if it nearly has."""
+    R = np.round(X[:3, :3])
+    if np.abs(R - X[:3, :3]).max() > _ALONG:
+        return X
+    return se3.make_pose(R, X[:3, 3])
+
+
+def describe_urdf(file: Path, flange: str) -> dict[str, Any]:
+    """What the file of an arm holds (`feasigrasp.models.robot.arm_file`), but for what is chosen.
+
+    Gains, rotor inertias, home and pairs are left to `feasigrasp.commands.arm`.
+
+    Raises:
+        ArgumentError: There is no such flange, or the arm is none that this package knows.
+    """
+    robot = ET.parse(file).getroot()
+    links = {link.get("name", ""): link for link in robot.findall("link")}
+    above = {_value(joint, "child", "link"): joint for joint in robot.findall("joint")}
+    if flange not in links:
+        raise ArgumentError(f"{file} has no link {flange!r}; it has {', '.join(links)}")
+    path, link = [], flange
+    while link in above:
+        path.append(above[link])
+        link = _value(above[link], "parent", "link")
+    root = link
+    moving = [joint for joint in reversed(path) if joint.get("type") != "fixed"]
+    X_of, number = {root: np.eye(4)}, {root: 0}
+    joints: list[dict[str, Any]] = []
+    for joint in reversed(path):
+        parent, child = _value(joint, "parent", "link"), _value(joint, "child", "link")
+        X_of[child] = _snapped(X_of[parent] @ _origin(joint))
+        number[child] = number[parent] + (joint in moving)
+        if joint in moving:
+            joints.append(_joint(joint, X_of[child]))
+    bodies = [_Body() for _ in range(len(joints) + 1)]
+    for name, X_WL, body in _rigid(robot, X_of, number, flange):
+        bodies[body].add(X_WL, links[name], file.parent)
+    origins = [np.zeros(3), *(np.array(joint["point"]) for joint in joints)]
+    return {
+        "family": _family(joints),
+        "acceleration_share": 0.94,
+        "position_margin": 0.03,
+        "joints": joints,
+        "X_WF": X_of[flange],
+        "links": [_link(b, p, k > 0) for k, (b, p) in enumerate(zip(bodies, origins, strict=True))],
+    }
+
+
+def _rigid(
+    robot: ET.Element, X_of: dict[str, Array], number: dict[str, int], flange: str
+) -> Iterator[tuple[str, Array, int]]:
+    """Links with their poses and bodies: those of the path, and what is fixed to them.
+
+    What is fixed to the flange is a hand, and none of the arm.
+    """
+    todo = list(number)
+    while todo:
+        name = todo.pop()
+        yield name, X_of[name], number[name]
+        for joint in robot.findall("joint"):
+            child = _value(joint, "child", "link")
+            known = child in number or joint.get("type") != "fixed" or name == flange
+            if _value(joint, "parent", "link") == name and not known:
+                X_of[child], number[child] = X_of[name] @ _origin(joint), number[name]
+                todo.append(child)
+
+
+def _joint(joint: ET.Element, X_WL: Array) -> dict[str, Any]:
+    name, axis = joint.get("name"), joint.find("axis")
+    if joint.get("type") not in ("revolute", "continuous"):
+        raise ArgumentError(f"{name} is {joint.get('type')}; joints of an arm turn")
+    own = [1.0, 0.0, 0.0] if axis is None else [float(v) for v in axis.attrib["xyz"].split()]
+    direction = X_WL[:3, :3] @ np.array(own)
+    if np.abs(direction - np.round(direction)).max() > _ALONG:
+        raise ArgumentError(
+            f"the axis of {name} is along {direction.round(4).tolist()} of the base at q = 0; arms "
+            "with axes along x, y and z are supported"
+        )
+    limit = joint.find("limit")
+    values = {} if limit is None else limit.attrib
+    turn = 2.0 * np.pi if joint.get("type") == "continuous" else 0.0
+    velocity = float(values.get("velocity", np.pi))
+    return {
+        "point": [_plain(v) for v in X_WL[:3, 3]],
+        "axis": [int(v) for v in np.round(direction)],
+        "lower": float(values.get("lower", -turn)),
+        "upper": float(values.get("upper", turn)),
+        "velocity": velocity,
+        "acceleration": _plain(velocity / _SPEED_UP, 4),
+        "effort": float(values.get("effort", 100.0)),
+    }
+
+
+def _plain(value: float, digits: int = 6) -> float:
+    return round(float(value), digits) + 0.0
+
+
+def _family(joints: list[dict[str, Any]]) -> str:
+    """The build of an arm, by the residuals of its axes.
+
+    Raises:
+        ArgumentError: It is none that is known.
+    """
+    h = np.array([joint["axis"] for joint in joints], dtype=float)
+    p = np.array([joint["point"] for joint in joints])
+
+    def meet(i: int, j: int) -> bool:
+        across = np.cross(h[i], h[j])
+        return bool(across.any() and abs((p[j] - p[i]) @ across) < MEETING_TOLERANCE)
+
+    def all_meet(*which: int) -> bool:
+        # Neighbours meet, and the first and the last in the same point as they.
+        A = sum(np.eye(3) - np.outer(h[i], h[i]) for i in which)
+        b = sum((np.eye(3) - np.outer(h[i], h[i])) @ p[i] for i in which)
+        x = np.linalg.lstsq(A, b)[0]
+        away = [np.linalg.norm(np.cross(h[i], x - p[i])) for i in which]
+        return bool(max(away) < MEETING_TOLERANCE)
+
+    if len(joints) == 7 and all_meet(0, 1, 2) and meet(4, 5):
+        return "shoulder_wrist"
+    parallel = not np.cross(h[1], h[2:4]).any()
+    if len(joints) == 6 and parallel and meet(4, 5):
+        return "parallel"
+    raise ArgumentError(
+        f"an arm of {len(joints)} joints with axes {h.astype(int).tolist()} is of no build that is "
+        "supported: seven joints whose axes 1 to 3 meet, and 5 and 6; or six whose axes 2 to 4 are "
+        "parallel, and whose axes 5 and 6 meet"
+    )
+
+
+def _link(body: _Body, origin: Array, moves: bool) -> dict[str, Any]:
+    mass = max(body.mass, 0.1)
+    com = body.moment / mass if body.mass > 0.0 else origin
+    inertia = body.inertia - body.mass * (com @ com * np.eye(3) - np.outer(com, com))
+    least = 1e-4 * mass  # a model without inertias
+    inertia = inertia + max(0.0, least - np.linalg.eigvalsh(inertia)[0]) * np.eye(3)
+    # Drake refuses a largest moment of inertia above the sum of the others.
+    a, b, c = np.linalg.eigvalsh(inertia)
+    inertia = inertia + max(0.0, c - a - b + 1e-6) * np.eye(3)
+    entries = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    points = np.concatenate(body.vertices) - origin if body.vertices else np.zeros((0, 3))
+    return {
+        "mass": _plain(mass),
+        "com": [_plain(v) for v in com - origin],
+        "inertia": [_plain(v) for v in entries],
+        "capsules": [fitted_capsule(points)] if len(points) else [],
+    }
+
+
+def fitted_capsule(points: Array) -> list[float]:
+    """The capsule of least volume that holds points (n, 3): both ends, then the radius [m].
+
+    Nelder and Mead's method from the three principal axes. Lengths are rounded to millimetres, the
+    radius up.
+    """
+
+    def radius(ends: Array) -> float:
+        a, b = ends[:3], ends[3:]
+        square = max(float((b - a) @ (b - a)), 1e-18)
+        t = np.clip((points - a) @ (b - a) / square, 0.0, 1.0)
+        return float(np.linalg.norm(points - a - t[:, None] * (b - a), axis=1).max())
+
+    def volume(ends: Array) -> float:
+        r = radius(ends)
+        return np.pi * r**2 * (float(np.linalg.norm(ends[3:] - ends[:3])) + 4.0 / 3.0 * r)
+
+    middle = 0.5 * (points.max(0) + points.min(0))
+    axes = np.linalg.svd(points - points.mean(0), full_matrices=False)[2]
+    found = []
+    for axis in axes:
+        half = 0.5 * np.ptp(points @ axis) * axis
+        start = np.concatenate([middle - 0.5 * half, middle + 0.5 * half])
+        found.append(minimize(volume, start, method="Nelder-Mead", options={"maxiter": 4000}))
+    ends = np.round(min(found, key=lambda each: each.fun).x, 3)
+    return [*(float(v) + 0.0 for v in ends), float(np.ceil(1e3 * radius(ends)) / 1e3)]
+
+
+def possible_pairs(n: int) -> list[tuple[int, int]]:
+    """Bodies of an arm of n joints that no joint connects, nor two with a link between them."""
+    return [(a, b) for a, b in combinations(range(n + 1), 2) if b - a > 2]

@@ -1,0 +1,220 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from feasigrasp.errors import ArgumentError, ScenarioError
+from feasigrasp.models.control.horizon.knots import Form
+from feasigrasp.models.control.horizon.program import ProgramOptions, solve_program
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
+from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.ik.continuation import branch_kernel, redundancy_kernel, solve_kernel
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.arm import Family
+from feasigrasp.models.robot.arm_file import arm_names, load_arm
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.kinematics import (
+    arm_condition_kernel,
+    forward_kinematics,
+    manipulability,
+    pose_and_jacobian,
+)
+
+ARMS = arm_names()
+OTHERS = [name for name in ARMS if load_arm(name).family != Family.SRS]
+X_FT = se3.make_pose(se3.so3_exp(np.array([0.3, -0.5, 0.9])), np.array([0.02, -0.03, 0.15]))
+
+
+def configurations(arm, n, seed=0):
+    """Inside the limits, and inside one turn."""
+    low, high = np.maximum(arm.lower, -np.pi) + 0.05, np.minimum(arm.upper, np.pi) - 0.05
+    return np.random.default_rng(seed).uniform(low, high, (n, arm.joints))
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_forward_kinematics_are_a_product_of_turns(name):
+    arm = load_arm(name)
+    for q in configurations(arm, 20):
+        X = np.eye(4)
+        for angle, axis, point in zip(q, arm.axes, arm.points, strict=True):
+            R = se3.so3_exp(angle * axis)
+            X = X @ se3.make_pose(R, point - R @ point)
+        X_WT = X @ arm.X_WF @ X_FT
+        np.testing.assert_allclose(forward_kinematics(q, X_FT, arm), X_WT, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_jacobian_is_the_derivative(name):
+    arm, step = load_arm(name), 1e-6
+    for q in configurations(arm, 5):
+        X, J = pose_and_jacobian(q, X_FT, arm)
+        for j in range(arm.joints):
+            ahead, behind = (
+                forward_kinematics(q + s * step * np.eye(arm.joints)[j], X_FT, arm) for s in (1, -1)
+            )
+            turn = se3.so3_log(ahead[:3, :3] @ behind[:3, :3].T) / (2 * step)
+            way = (ahead[:3, 3] - behind[:3, 3]) / (2 * step)
+            np.testing.assert_allclose(J[:, j], np.r_[turn, way], atol=1e-8)
+        measured = np.sqrt(np.linalg.det(J @ J.T))
+        assert manipulability(q, arm) == pytest.approx(measured, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_branch_and_redundancy_give_a_configuration_back(name):
+    arm = load_arm(name)
+    for q in configurations(arm, 500):
+        X_WF, found = forward_kinematics(q, None, arm), q + 0.1
+        branch = branch_kernel(arm.chain, q)
+        assert solve_kernel(arm.chain, X_WF, branch, redundancy_kernel(arm.chain, q), found)
+        np.testing.assert_allclose(found, q, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_every_branch_reaches_its_pose_in_a_configuration_of_its_own(name):
+    arm, count = load_arm(name), 0
+    for q in configurations(arm, 300, seed=1):
+        X_WF, r = forward_kinematics(q, None, arm), redundancy_kernel(arm.chain, q)
+        found = []
+        for branch in range(8):
+            one = q.copy()
+            if solve_kernel(arm.chain, X_WF, branch, r, one):
+                np.testing.assert_allclose(forward_kinematics(one, None, arm), X_WF, atol=1e-7)
+                assert all(np.abs(one - other).max() > 1e-6 for other in found)
+                found.append(one)
+        count += len(found)
+    assert count > 2 * 300
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_poses_that_are_reached_are_found_in_reach(name):
+    # Without bodies: some redundancy between the samples may be the only one for a pose.
+    arm = replace(load_arm(name), pairs=())
+    reach = Reachability(arm=arm, limit_margin=0.0, table_clearance=-5.0)
+    X_WG = forward_kinematics(configurations(arm, 400, seed=2), reach.gripper.X_FG, arm)
+    assert np.mean(reach.reachable(X_WG)) > (0.995 if arm.joints == 6 else 0.95)
+    q, times = reach.nearest(X_WG[:50], arm.home)
+    some = np.isfinite(times)
+    assert some.mean() > 0.9
+    X_found = forward_kinematics(q[some], reach.gripper.X_FG, arm)
+    np.testing.assert_allclose(X_found, X_WG[:50][some], atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_home_is_admissible_and_the_hand_looks_forward_and_down(name):
+    arm = load_arm(name)
+    assert Reachability(arm=arm).admissible(arm.home[None]).all()
+    X_WG = forward_kinematics(arm.home, ParallelGripper().X_FG, arm)
+    assert X_WG[0, 3] > 0.1 and X_WG[2, 3] > 0.4
+    assert X_WG[0, 2] > 0.7 and X_WG[2, 2] < -0.4
+    assert X_WG[2, 1] > 0.4  # the camera is above the hand
+
+
+def shifted(arm, turns):
+    """The same arm, each of whose joints has its zero some quarter turns farther on."""
+    delta = 0.5 * np.pi * np.array(turns)
+    points, axes, X = arm.points.copy(), arm.axes.copy(), np.eye(4)
+    for j, angle in enumerate(delta):
+        points[j], axes[j] = X[:3, :3] @ points[j] + X[:3, 3], np.round(X[:3, :3] @ axes[j])
+        R = np.round(se3.so3_exp(angle * axes[j]))
+        X = se3.make_pose(R, points[j] - R @ points[j]) @ X
+    rotations, X = [np.eye(3)], np.eye(4)
+    for angle, axis in zip(delta, arm.axes, strict=True):
+        X = X @ se3.make_pose(np.round(se3.so3_exp(angle * axis)), np.zeros(3))
+        rotations.append(X[:3, :3])
+
+    def moved(capsule):
+        # Frames of links are along the base's at the new zero.
+        R = rotations[min(capsule.body, arm.joints)]
+        ends = (tuple((R @ np.array(end)).tolist()) for end in (capsule.a, capsule.b))
+        return capsule._replace(**dict(zip("ab", ends, strict=True)))
+
+    X_WF = forward_kinematics(delta, None, arm)
+    return delta, replace(
+        arm,
+        points=points,
+        axes=axes,
+        X_WF=se3.make_pose(np.array(X_WF[:3, :3]), X_WF[:3, 3]),
+        lower=arm.lower - delta,
+        upper=arm.upper - delta,
+        home=arm.home - delta,
+        capsules=tuple(map(moved, arm.capsules)),
+    )
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_an_arm_with_shifted_joint_zeros_moves_alike(name):
+    arm = load_arm(name)
+    turns = [1, 1, -1, 1, -1, 1, 1][: arm.joints]
+    delta, other = shifted(arm, turns)
+    rng, n = np.random.default_rng(3), arm.joints
+    pairs = [(each, SafetyOptions(arm=each)) for each in (arm, other)]
+    filters = [SafetyFilter(options) for _, options in pairs]
+    reach = [Reachability(arm=each, clearance=0.0) for each, _ in pairs]
+    for q in (*arm.random_positions(rng, 15), 0.98 * arm.upper, 0.98 * arm.lower):
+        q = np.clip(q, delta - 6.2, delta + 6.2)  # what counts as radians
+        wish, last = rng.normal(size=n), 0.1 * rng.normal(size=n)
+        both = (q, q - delta)
+        cases = [*zip(both, pairs, strict=True)]
+        poses = [forward_kinematics(at, X_FT, each) for at, (each, _) in cases]
+        np.testing.assert_allclose(*poses, atol=1e-12)
+        conditions = [arm_condition_kernel(each.chain, at, wish) for at, (each, _) in cases]
+        np.testing.assert_allclose(*conditions, atol=1e-9)
+        safe = [
+            each.velocity(at, wish, qd_last=last) for at, each in zip(both, filters, strict=True)
+        ]
+        np.testing.assert_allclose(*safe, atol=1e-6)
+        sent = []
+        for at, (each, _) in cases:
+            q_next, v_next = np.empty(n), np.empty(n)
+            drive_step_kernel(each.chain, at, last, 5 * wish, at, (0.005, 0.1, 1.0), q_next, v_next)
+            sent.append(v_next)
+        np.testing.assert_allclose(*sent, atol=1e-9)
+        plans = []
+        for at, (_, options) in cases:
+            program = ProgramOptions(safety=options)
+            m = len(program.steps)
+            form = Form(
+                np.tile(500.0 * np.eye(n), (m, 1, 1)), np.tile(9 * wish, (m, 1)), np.zeros((m, n))
+            )
+            plans.append(solve_program(at, np.zeros((m + 1, n)), form, program))
+        np.testing.assert_allclose(*plans, atol=1e-6)
+        admissible = [r.admissible(at[None])[0] for at, r in zip(both, reach, strict=True)]
+        assert admissible[0] == admissible[1]
+
+
+@pytest.mark.parametrize("n", [6, 7])
+def test_plans_keep_the_limits_of_random_arms(n):
+    rng, base = np.random.default_rng(n), load_arm("iiwa7" if n == 7 else OTHERS[-1])
+    if base.joints != n:
+        pytest.skip("no packaged arm has six joints")
+    for _ in range(10):
+        low = rng.uniform(-6.0, 1.0, n)
+        arm = replace(base, lower=low, upper=low + rng.uniform(1.0, 5.0, n), family=base.family)
+        options = ProgramOptions(safety=SafetyOptions(arm=arm))
+        m, safety = len(options.steps), options.safety
+        q = rng.uniform(arm.lower + 0.1, arm.upper - 0.1)
+        form = Form(
+            np.tile(500.0 * np.eye(n), (m, 1, 1)), rng.normal(size=(m, n)) * 1e4, np.zeros((m, n))
+        )
+        v = solve_program(q, np.zeros((m + 1, n)), form, options)
+        assert (np.abs(v) <= options.most_v + 1e-6).all()
+        change = np.abs(np.diff(v, axis=0)) / options.h[:, None]
+        assert (change <= options.most_a + 1e-4).all()
+        room = np.minimum(arm.upper - q, q - arm.lower) - safety.position_margin
+        first = q + 0.5 * options.h[0] * (v[0] + v[1])
+        assert (first < arm.upper).all() and (first > arm.lower).all() and (room > 0).all()
+
+
+def test_what_is_no_arm_is_refused(tmp_path):
+    with pytest.raises(ScenarioError, match="do you mean panda"):
+        load_arm("pandas")
+    file = tmp_path / "arm.yaml"
+    file.write_text("name: arm\n")
+    with pytest.raises(ScenarioError, match="there is no joints"):
+        load_arm(str(file))
+    arm = load_arm("panda")
+    with pytest.raises(ArgumentError, match="axes along x, y or z"):
+        replace(arm, axes=arm.axes * 0.9)
+    with pytest.raises(ArgumentError, match="miss each other by 6.67 mm"):
+        replace(arm, points=arm.points + [[0, 0, 0], [0.01, 0, 0], *[[0, 0, 0]] * 5])

@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+from pydrake.multibody.tree import JacobianWrtVariable
+
+import feasigrasp as fg
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.robot.arm import Family
+from feasigrasp.models.robot.arm_file import arm_names, load_arm
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.kinematics import pose_and_jacobian
+from feasigrasp.runs.metrics.reference_robot import reference_robot, self_collision_metrics
+from feasigrasp.systems.from_scenario import make_station
+from feasigrasp.systems.station.cell_check import check_cell
+from feasigrasp.systems.station.directives import cell_directives
+
+OTHERS = [name for name in arm_names() if load_arm(name).family != Family.SRS]
+
+
+def scenario_with(name):
+    scenario = fg.load_scenario("ReachLinearMocap")
+    scenario.arm, scenario.cameras = name, {}
+    return scenario
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_the_cell_of_another_arm_is_what_is_computed_with(name):
+    arm, scenario = load_arm(name), scenario_with(name)
+    station = make_station(scenario)
+    check_cell(station.plant, ParallelGripper(), arm)
+    with pytest.raises(ScenarioError, match="no model named 'iiwa'"):
+        check_cell(station.plant, ParallelGripper())
+    plant = station.plant
+    context, instance = plant.CreateDefaultContext(), plant.GetModelInstanceByName(arm.name)
+    np.testing.assert_allclose(plant.GetPositions(context, instance), arm.home)
+    flange = plant.GetFrameByName(f"{arm.name}_flange")
+    start = plant.GetJointByName(arm.joint_names[0]).velocity_start()
+    for q in arm.random_positions(np.random.default_rng(0), 5):
+        plant.SetPositions(context, instance, q)
+        X, J = pose_and_jacobian(q, None, arm)
+        np.testing.assert_allclose(flange.CalcPoseInWorld(context).GetAsMatrix4(), X, atol=1e-9)
+        W, kind = plant.world_frame(), JacobianWrtVariable.kV
+        theirs = plant.CalcJacobianSpatialVelocity(context, kind, flange, np.zeros(3), W, W)
+        np.testing.assert_allclose(theirs[:, start : start + arm.joints], J, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_collisions_of_another_arm_are_those_of_its_capsules(name):
+    arm = load_arm(name)
+    reference = reference_robot(cell_directives(scenario_with(name)), arm)
+    assert self_collision_metrics(reference, arm.home[None])["self_collision_percent"] == 0.0
+    Q = arm.random_positions(np.random.default_rng(1), 100)
+    assert 0.0 < self_collision_metrics(reference, Q)["self_collision_percent"] < 80.0
+
+
+def test_joint_positions_at_the_start_are_those_of_the_arm():
+    scenario = fg.load_scenario("ReachLinearMocap")
+    assert len(scenario.start) == 7
+    scenario.arm, scenario.q_start = "ur5e", [0.0] * 7
+    with pytest.raises(ScenarioError, match="q_start has 7 entries"):
+        fg.make_dynamic_grasp(scenario)
