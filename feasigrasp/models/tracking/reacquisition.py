@@ -42,17 +42,17 @@ def registered(
     """
     # Beyond such a step of the center of what is visible a registration may be out of reach [m].
     large = 0.008
+    found = register(model, view, X_WO, covariance)
     lever, normals_W = model.placed(X_WO[:3, :3])
     facing = _facing(view, lever + X_WO[:3, 3], normals_W)
-    center = lever[facing].mean(axis=0) if facing.any() else np.zeros(3)
-    step = view.points_W.mean(axis=0) - center - X_WO[:3, 3]
-    if np.linalg.norm(step) <= large or is_cut(view):
-        return register(model, view, X_WO, covariance)
-    start = se3.make_pose(X_WO[:3, :3], X_WO[:3, 3] + step)
-    found = register(model, view, X_WO, covariance, start=start)
-    if is_found(found):
+    if is_found(found) or is_cut(view) or not facing.any():
         return found
-    return max(found, register(model, view, X_WO, covariance), key=_score)
+    step = view.points_W.mean(axis=0) - lever[facing].mean(axis=0) - X_WO[:3, 3]
+    if np.linalg.norm(step) <= large:
+        return found
+    start = se3.make_pose(X_WO[:3, :3], X_WO[:3, 3] + step)
+    other = register(model, view, X_WO, covariance, start=start)
+    return other if is_found(other) else found
 
 
 def reacquire(
