@@ -13,13 +13,16 @@ from feasigrasp.errors import InputError
 
 
 def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
-    """The arrays of an ``npz`` file, by name; no pickled objects.
+    """The arrays of an ``npz`` file by name, or that of an ``npy`` file; no pickled objects.
 
     Raises:
         InputError: There is no such file, or it is none, e.g. because it is cut off.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        loaded = np.load(path, allow_pickle=False)
+        if isinstance(loaded, np.ndarray):
+            return {"arr_0": loaded}
+        with loaded as file:
             return {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise InputError(f"there is no file {path}") from None

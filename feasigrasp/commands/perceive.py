@@ -25,9 +25,9 @@ from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
 from feasigrasp.models.grasps.grasp_set import Rejection
 from feasigrasp.models.grasps.perceive import Perception, perceive
 from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
-from feasigrasp.models.segmentation.tabletop import object_on_table
+from feasigrasp.models.segmentation.tabletop import tabletop
 from feasigrasp.outputs import check_outputs
-from feasigrasp.recordings.images import camera_file_of, captured_points
+from feasigrasp.recordings.images import captured_points, holds_depth
 from feasigrasp.resources import model_path
 from feasigrasp.runs.pictures.perception import draw_perception, write_perception_html
 from feasigrasp.runs.results.grasps_file import check_suffix, write_grasps
@@ -38,6 +38,7 @@ REASONS: dict[str, str] = {
     Rejection.OFF_SURFACE: "a contact is not on the completed surface",
     Rejection.NOTHING_BETWEEN: "the line between the contacts misses the object",
     Rejection.NOT_ANTIPODAL: "the surfaces at the contacts do not oppose each other",
+    Rejection.HITS_TABLE: "the hand would go through the table",
     Rejection.COLLIDES: "fingers, palm or camera would hit the object",
     Rejection.NEAR_COPY: "almost the same as a better grasp",
     Rejection.UNCERTAIN: "less likely to be a true grasp than the others",
@@ -49,7 +50,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--cloud", type=Path, help="Cloud: a .ply, .pcd, .npy or .npz file.")
-    source.add_argument("--depth", type=Path, help="Depth image: a 16-bit PNG.")
+    source.add_argument(
+        "--depth",
+        type=Path,
+        help="Depth image: 16-bit or float, or .npz with depth and K.",
+    )
     source.add_argument(
         "--sample", action="store_true", help="The depth image of a mug that comes with feasigrasp."
     )
@@ -61,6 +66,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--mask", type=Path, help="Mask of the depth image: not zero where the object is."
+    )
+    parser.add_argument(
+        "--label", type=int, help="The object's value in a mask that shows several."
     )
     parser.add_argument(
         "--box",
@@ -175,7 +183,12 @@ def print_table(name: str, perception: Perception) -> None:
 def _check_options(args: argparse.Namespace) -> None:
     """Refuses options that say nothing of what is given."""
     of_cloud = {"--scale": args.scale, "--viewpoint": args.viewpoint, "--merged": args.merged}
-    of_depth = {"--intrinsics": args.intrinsics, "--mask": args.mask, "--box": args.box}
+    of_depth = {
+        "--intrinsics": args.intrinsics,
+        "--mask": args.mask,
+        "--box": args.box,
+        "--label": args.label,
+    }
     others, what = (of_cloud, "--cloud") if args.cloud is None else (of_depth, "--depth")
     for option, value in others.items():
         if value not in (None, False):
@@ -189,6 +202,8 @@ def _check_options(args: argparse.Namespace) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
+    if args.cloud is not None and holds_depth(args.cloud):
+        args.depth, args.cloud = args.cloud, None
     _check_options(args)
     if args.sample:
         args.depth, args.mask = (
@@ -205,16 +220,17 @@ def main(args: argparse.Namespace) -> int:
     if args.depth is None:
         points = read_cloud(args.cloud)
     else:
-        camera = args.intrinsics or camera_file_of(args.depth)
-        points = captured_points(args.depth, camera, args.mask, args.box)
+        points = captured_points(args.depth, args.intrinsics, args.mask, args.box, args.label)
     scale = 1.0 if args.scale is None else args.scale
     points = prepare_cloud(
         points, scale=scale, crop=args.crop, viewpoint=viewpoint, scene=args.on_table
     )
+    table = None
     if args.on_table:
         if viewpoint is None:
             raise PointCloudError("--on-table needs to know where the camera was: no --merged")
-        points = points[object_on_table(points, viewpoint)]
+        standing, table = tabletop(points, viewpoint)
+        points = points[standing]
     perception = perceive(
         points,
         viewpoint,
@@ -223,6 +239,7 @@ def main(args: argparse.Namespace) -> int:
         seed=args.seed,
         mass=args.mass,
         down=args.down,
+        table=table,
     )
     print_table(source.name, perception)
     # A share of outliers that one object hardly has.

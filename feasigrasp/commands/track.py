@@ -4,10 +4,10 @@ For example::
 
     feasigrasp track --folder my_recording --on-table --box 250 130 390 300
 
-The folder is as TUM RGB-D's or BOP's: 16-bit ``depth/*.png``, ``camera.json`` with ``fx``, ``fy``,
-``cx``, ``cy`` and ``depth_scale`` (millimetres per unit), and, if there are any, ``depth.txt``
-(times), ``mask/*.png`` and ``groundtruth.txt`` (poses of the camera). No robot and no model of the
-object is needed. The object's poses are written as TUM's trajectories are, its shape as a cloud.
+The folder is as TUM RGB-D's, BOP's or others (`feasigrasp.recordings.folder`): depth images, a
+camera file and, if there are any, times, color images, masks and poses of the camera. One mask, or
+a box in the first image, suffices. No robot and no model of the object is needed. The object's
+poses are written as TUM's trajectories are, its shape as a cloud.
 """
 
 from __future__ import annotations
@@ -56,6 +56,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs=4,
         metavar=("LEFT", "TOP", "RIGHT", "BOTTOM"),
         help="Box about the object in the first image, in pixels. Default: the nearest thing.",
+    )
+    parser.add_argument(
+        "--label", type=int, help="The object's value in masks that show several, or its number."
     )
     parser.add_argument(
         "--rate", type=_rate, default=30.0, help="Images per second, for a folder without times."
@@ -112,7 +115,8 @@ def followed(recording: DepthFolder, tracker: UnaidedTracker) -> tuple[UnaidedTr
     poses, checked = np.full((len(recording.files), 4, 4), np.nan), False
     for k in tqdm(range(len(recording.files)), unit="image", desc="tracking"):
         time = float(recording.times[k])
-        tracker = tracker.looked(recording.depth(k), recording.X_WC[k], time, recording.mask(k))
+        images = recording.mask(k), recording.color(k)
+        tracker = tracker.looked(recording.depth(k), recording.X_WC[k], time, *images)
         shape, track = tracker.tracker.shape, tracker.tracker.track
         if shape.gpdf is not None and not checked:
             check_size(shape.cloud.points, shape.gpdf)
@@ -127,8 +131,10 @@ def main(args: argparse.Namespace) -> int:
     poses_file = args.poses or Path("out/track") / f"{args.folder.resolve().name}.txt"
     shape_file = args.shape or poses_file.with_suffix(".ply")
     check_outputs({"--poses": poses_file, "--shape": shape_file})
-    recording = read_depth_folder(args.folder, args.rate)
-    box = None if args.box is None else np.array(args.box, dtype=float)
+    recording = read_depth_folder(args.folder, args.rate, args.label)
+    for note in recording.notes:
+        print(f"note: {note}", file=sys.stderr)
+    box = None if args.box is None else np.array(args.box) / recording.decimation
     tracker, poses = followed(recording, UnaidedTracker(recording.camera, args.on_table, box))
     tracked, shape = np.isfinite(poses).all(axis=(1, 2)), tracker.tracker.shape
     if not tracked.any() or shape.gpdf is None:

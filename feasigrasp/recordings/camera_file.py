@@ -1,12 +1,18 @@
-"""The file ``camera.json`` beside depth images: intrinsics and unit, in the keys of BOP.
+"""Camera files beside depth images: intrinsics and unit, in the layouts of common tools.
 
 ::
 
-    fx, fy, cx, cy   focal lengths and principal point, for whole-numbered pixels [px]
-    depth_scale      millimetres per unit of the images; 1 if it is not there
-    width, height    optional: size of the images [px]
+    fx, fy, cx, cy   focal lengths and principal point, for whole-numbered pixels [px]; RealSense's
+                     ppx and ppy
+    cam_K, K, k, camera_matrix, intrinsic_matrix, intrinsics, or the file itself
+                     the matrix instead: by rows (BOP, ROS, text, NumPy) or columns (Open3D), flat
+                     or nested, or {data: ...}
+    depth_scale      millimetres per unit of images of whole numbers; 1 if it is not there
+    width, height    optional: size of the images [px]; also image_width, image_height
     near             optional: least depth that is measured [m]
     baseline         optional: distance between the imagers of a stereo camera [m]
+
+Of BOP's ``scene_camera.json`` the first image counts.
 """
 
 from __future__ import annotations
@@ -14,9 +20,13 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
 
 from feasigrasp.errors import CameraError, InputError
-from feasigrasp.inputs import read_json
+from feasigrasp.inputs import read_arrays, read_json
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.clouds.camera import BASELINE, Camera, stereo_deviation
 from feasigrasp.models.quantities import Count, NotNegative, Positive
@@ -28,7 +38,7 @@ class CameraInfo:
 
     Attributes:
         intrinsics: fx, fy, cx, cy for whole-numbered pixels [px].
-        unit: Metres per unit of its images; millimetres by default.
+        unit: Metres per unit of its images of whole numbers; millimetres by default.
         size: Width and height of its images [px], if they are given.
         near: Least depth that it measures [m].
         baseline: Distance between its two imagers [m]; by default that of a RealSense D435.
@@ -108,13 +118,54 @@ def read_camera(given: str | Path) -> CameraInfo:
     return CameraInfo((fx, fy, cx, cy), source=f"intrinsics {given}")
 
 
+#: Names of camera files, the first that is there counts. Source: layout.
+_NAMES = (
+    "camera.json",
+    "scene_camera.json",
+    "intrinsics.json",
+    "intrinsic.json",
+    "camera_intrinsic.json",
+    "camera_info.yaml",
+    "camera_info.yml",
+    "camera.yaml",
+    "cam_K.txt",
+    "K.txt",
+    "intrinsics.txt",
+    "camera-intrinsics.txt",
+    "K.npy",
+)
+#: Names of the matrix in such files. Source: layout.
+_MATRICES = ("cam_K", "K", "k", "camera_matrix", "intrinsic_matrix", "intrinsics", "intrinsic")
+
+
+def find_camera(folder: Path) -> Path | None:
+    """The camera file in a folder, if there is one."""
+    return next((folder / name for name in _NAMES if (folder / name).is_file()), None)
+
+
 def _read_file(file: Path) -> CameraInfo:
     if not file.is_file():
         raise InputError(f"there is no file {file}; give camera.json, or the numbers fx,fy,cx,cy")
-    content = read_json(file)
+    content = _content(file)
     try:
-        fx, fy, cx, cy = (float(content[name]) for name in ("fx", "fy", "cx", "cy"))
-        size = (int(content["width"]), int(content["height"])) if "width" in content else None
+        first = next(iter(content.values()), None) if isinstance(content, dict) else None
+        if isinstance(first, dict) and "cam_K" in first:  # BOP's scene_camera.json
+            content = first
+        if not isinstance(content, dict):
+            content = {"K": content}
+        nested = next((content[n] for n in _MATRICES if n in content), None)
+        if isinstance(nested, dict) and "fx" in nested:
+            content = content | nested
+        names = ("ppx", "ppy") if "ppx" in content else ("cx", "cy")
+        if "fx" in content:
+            fx, fy, cx, cy = (float(content[name]) for name in ("fx", "fy", *names))
+        elif nested is None:
+            raise KeyError("fx")
+        else:
+            fx, fy, cx, cy = _of_matrix(nested)
+        sizes = (("width", "height"), ("image_width", "image_height"))
+        pair = next((pair for pair in sizes if pair[0] in content), None)
+        size = None if pair is None else (int(content[pair[0]]), int(content[pair[1]]))
         scale, near, baseline = (
             float(content.get(name, usual))
             for name, usual in (
@@ -128,3 +179,29 @@ def _read_file(file: Path) -> CameraInfo:
             f"{file}: {error!r}; give the numbers fx, fy, cx, cy [px] and depth_scale [mm per unit]"
         ) from error
     return CameraInfo((fx, fy, cx, cy), 1e-3 * scale, size, near, baseline, str(file))
+
+
+def _content(file: Path) -> Any:
+    """What a file holds: JSON, YAML, NumPy, or numbers as text."""
+    if file.suffix == ".json":
+        return read_json(file)
+    if file.suffix in (".npy", ".npz"):
+        arrays = read_arrays(file)
+        return arrays.get("K", next(iter(arrays.values()), None))
+    try:
+        if file.suffix in (".yaml", ".yml"):
+            return yaml.safe_load(file.read_text())
+        return np.loadtxt(file)
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise InputError(f"{file} is no camera file ({str(error).splitlines()[0]})") from error
+
+
+def _of_matrix(given: Any) -> tuple[float, float, float, float]:
+    """fx, fy, cx, cy of a matrix by rows or columns, or of these four numbers."""
+    numbers = np.asarray(given["data"] if isinstance(given, dict) else given, dtype=float).ravel()
+    if len(numbers) == 4:
+        fx, fy, cx, cy = numbers.tolist()
+        return fx, fy, cx, cy
+    K = numbers.reshape(3, -1)[:, :3] if len(numbers) in (9, 12) else numbers.reshape(4, 4)[:3, :3]
+    K = K.T if K[2, 0] > 1.0 else K
+    return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])

@@ -1,22 +1,28 @@
-"""Reads folders of depth images in the layouts of TUM RGB-D and BOP.
+"""Reads folders of depth images in the layouts of TUM RGB-D, BOP and others.
 
 ::
 
-    depth/*.png      16-bit depth images
-    camera.json      fx, fy, cx, cy [px] and depth_scale, see `feasigrasp.recordings.camera_file`
+    depth/           16-bit PNG or TIFF, or float TIFF, EXR or NumPy [m]
+    camera.json      or another camera file, see `feasigrasp.recordings.camera_file`
     depth.txt        optional, "time file" line by line (TUM); else the files' names are times if
                      they are numbers with a point, as TUM's are, or the images come at a rate
-    mask/*.png       optional, of the same names: other than zero where the object is
+    color/ or rgb/   optional, of the same names or, with rgb.txt, times
+    mask/ or masks/  optional, of the same names: other than zero where the object is. Also BOP's
+                     mask_visib/ with names IMAGE_OBJECT, pictures with a label per object, and
+                     mask.png for the first image
     groundtruth.txt  optional, "time tx ty tz qx qy qz qw" of the camera (TUM); else it stands still
+
+Large images are decimated when they are read: tracking needs no more than 430 pixels in a row.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import InputError
@@ -24,9 +30,23 @@ from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.quantities import UNKNOWN_POSES, ArrayOf, Positive, Whole
-from feasigrasp.recordings.camera_file import read_camera
-from feasigrasp.recordings.images import check_size, check_unit, read_depth, read_mask
+from feasigrasp.models.quantities import UNKNOWN_POSES, ArrayOf, Count, Positive, Whole
+from feasigrasp.recordings.camera_file import find_camera, read_camera
+from feasigrasp.recordings.images import (
+    DEPTH_SUFFIXES,
+    check_size,
+    check_unit,
+    decimated,
+    picked,
+    read_color,
+    read_depth,
+    read_mask,
+)
+
+#: What is no farther from an image in time is of it [s]. Source: guessed.
+_SAME_TIME = 0.02
+#: Folders of masks; of BOP's two that of the visible parts. Source: layout.
+_MASKS = ("mask_visib", "mask", "masks", "segmentation", "seg", "labels", "label")
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +54,17 @@ class DepthFolder(Frozen):
     """A recorded sequence; images are read when they are asked for.
 
     Attributes:
-        camera: The camera.
+        camera: The camera of the images as they are handed out.
         files: Depth images in the order of their times.
         times: When they were taken, shape (n,) [s].
-        unit: Metres per unit of the images.
+        unit: Metres per unit of images of whole numbers.
         X_WC: Poses of the camera, shape (n, 4, 4).
         masks: Masks of the object, by the names of the depth images; empty if there are none.
+        label: The object's value in them, if they show several.
+        colors: Color images in the same way.
+        size: Height and width of the files, if other than the camera's [px].
+        decimation: How many of their pixels one is, along each axis.
+        notes: What is in the folder and not used.
     """
 
     camera: Camera
@@ -48,6 +73,11 @@ class DepthFolder(Frozen):
     unit: Positive
     X_WC: Annotated[Array, UNKNOWN_POSES]
     masks: dict[str, Path] = field(default_factory=dict)
+    label: Count | None = None
+    colors: dict[str, Path] = field(default_factory=dict)
+    size: tuple[Count, Count] | None = None
+    decimation: Count = 1
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Checks what it is made of."""
@@ -61,8 +91,8 @@ class DepthFolder(Frozen):
             InputError: It cannot be read, or has another size than the first.
         """
         depth = read_depth(self.files[k], self.unit)
-        check_size(self.files[k], depth.shape, (self.camera.height, self.camera.width))
-        return depth
+        check_size(self.files[k], depth.shape, self._size)
+        return decimated(depth, self.decimation)
 
     @checked(InputError)
     def mask(self, k: Whole) -> Mask | None:
@@ -72,17 +102,36 @@ class DepthFolder(Frozen):
             InputError: It cannot be read, or has another size than the depth.
         """
         file = self.masks.get(self.files[k].stem)
-        shape = self.camera.height, self.camera.width
-        return None if file is None else read_mask(file, shape)
+        return None if file is None else self._picked(read_mask(file, self._size, self.label))
+
+    @checked(InputError)
+    def color(self, k: Whole) -> NDArray[np.uint8] | None:
+        """Color image k, if there is one, shape (height, width, 3).
+
+        Raises:
+            InputError: It cannot be read, or has another size than the depth.
+        """
+        file = self.colors.get(self.files[k].stem)
+        return None if file is None else self._picked(read_color(file, self._size))
+
+    @property
+    def _size(self) -> tuple[int, int]:
+        return self.size or (self.camera.height, self.camera.width)
+
+    def _picked(self, image: NDArray[Any]) -> NDArray[Any]:
+        return picked(image, self.decimation)
 
 
 @checked(InputError)
-def read_depth_folder(folder: str | Path, rate: Positive = 30.0) -> DepthFolder:
+def read_depth_folder(
+    folder: str | Path, rate: Positive = 30.0, label: Count | None = None
+) -> DepthFolder:
     """Reads a folder of depth images, see above.
 
     Args:
         folder: The folder.
         rate: Images per second, where nothing says when they were taken.
+        label: The object's value in masks that show several, or its number in their names.
 
     Raises:
         InputError: Something is missing or cannot be read, or the depths are in another unit.
@@ -92,29 +141,95 @@ def read_depth_folder(folder: str | Path, rate: Positive = 30.0) -> DepthFolder:
     if not root.is_dir():
         raise InputError(f"there is no folder {root}")
     files, times = _stamped(root, rate)
-    info = read_camera(root / "camera.json")
+    info = read_camera(find_camera(root) or root / "camera.json")
     for file in files:
         depth = read_depth(file, info.unit)
         if depth.any():
             break
     check_unit(file, depth, info.unit)
     height, width = depth.shape
-    camera = info.camera(width, height)
-    masks = {file.stem: file for file in sorted((root / "mask").glob("*.png"))}
-    return DepthFolder(camera, files, times, info.unit, _camera_poses(root, times), masks)
+    # Pixels in a row that suffice for tracking: the widest image of a RealSense at 30 Hz and half
+    # its resolution.
+    factor = -(-width // 430)
+    masks, label, notes = _masks(root, files, label)
+    colors, more = _colors(root, files, times)
+    return DepthFolder(
+        info.camera(width, height).decimated(factor),
+        files,
+        times,
+        info.unit,
+        _camera_poses(root, times),
+        masks,
+        label,
+        colors,
+        (height, width),
+        factor,
+        notes + more,
+    )
+
+
+def _masks(
+    root: Path, files: list[Path], label: int | None
+) -> tuple[dict[str, Path], int | None, tuple[str, ...]]:
+    """Masks by the names of depth images, the object's value in them, and notes on others.
+
+    Raises:
+        InputError: Of several objects none is given, or no mask has the name of a depth image.
+    """
+    folder = next((at for at in (root / name for name in _MASKS) if any(_pictures(at))), None)
+    if folder is None:
+        only = root / "mask.png"
+        return ({files[0].stem: only} if only.is_file() else {}), label, ()
+    found = {file.stem: file for file in _pictures(folder)}
+    stems = {file.stem for file in files}
+    if not stems & set(found):  # BOP: IMAGE_OBJECT
+        parts = {stem: stem.rpartition("_") for stem in found}
+        numbers = sorted({end for image, _, end in parts.values() if image in stems})
+        chosen = [n for n in numbers if label is None or n.isdigit() and int(n) == label]
+        if len(chosen) != 1:
+            what = (
+                f"objects {', '.join(numbers[:8])}; give --label" if numbers else "no depth image"
+            )
+            raise InputError(f"the names of the masks in {folder} are of {what}")
+        found = {parts[s][0]: file for s, file in found.items() if parts[s][2] == chosen[0]}
+        label = None
+    used = {stem: file for stem, file in found.items() if stem in stems}
+    lost = len(found) - len(used)
+    note = f"{lost} masks in {folder} have the name of no depth image, and are not used"
+    return used, label, (note,) if lost else ()
+
+
+def _colors(root: Path, files: list[Path], times: Array) -> tuple[dict[str, Path], tuple[str, ...]]:
+    """Color images by the names of depth images, and notes on others."""
+    listed = root / "rgb.txt"
+    if listed.is_file():
+        stamps, names = zip(*_stamped_list(listed), strict=True)
+        nearest = np.abs(np.array(stamps)[:, None] - times).argmin(axis=0)
+        near = np.abs(np.array(stamps)[nearest] - times) <= _SAME_TIME
+        pairs = zip(files, nearest, near, strict=True)
+        return {file.stem: names[at] for file, at, is_near in pairs if is_near}, ()
+    found = [file for name in ("color", "rgb") for file in _pictures(root / name)]
+    stems = {file.stem for file in files}
+    used = {file.stem: file for file in found if file.stem in stems}
+    note = (
+        f"{len(found) - len(used)} color images have the name of no depth image, and are not used"
+    )
+    return used, (note,) if len(used) < len(found) else ()
+
+
+def _pictures(folder: Path) -> list[Path]:
+    """The pictures of a folder, in the order of their names."""
+    suffixes = (*DEPTH_SUFFIXES, ".jpg", ".jpeg")
+    return sorted(f for f in folder.glob("*") if f.suffix.lower() in suffixes)
 
 
 def _stamped(root: Path, rate: float) -> tuple[list[Path], Array]:
     """The depth images and their times, in the order of these."""
     list_file = root / "depth.txt"
     if list_file.is_file():
-        rows = [row.split() for row in _lines(list_file)]
-        try:
-            pairs = [(float(row[0]), root / row[1]) for row in rows]
-        except (ValueError, IndexError):
-            raise InputError(f'{list_file}: give lines "time file", as TUM RGB-D does') from None
+        pairs = _stamped_list(list_file)
     else:
-        files = sorted((root / "depth").glob("*.png"))
+        files = _pictures(root / "depth")
         named = all("." in file.stem and _is_number(file.stem) for file in files)
         pairs = [(float(file.stem) if named else k / rate, file) for k, file in enumerate(files)]
     if not pairs:
@@ -123,10 +238,17 @@ def _stamped(root: Path, rate: float) -> tuple[list[Path], Array]:
     return [file for _, file in pairs], np.array([time for time, _ in pairs])
 
 
+def _stamped_list(file: Path) -> list[tuple[float, Path]]:
+    """Times and files of a list of TUM RGB-D."""
+    rows = [row.split() for row in _lines(file)]
+    try:
+        return [(float(row[0]), file.parent / row[1]) for row in rows]
+    except (ValueError, IndexError):
+        raise InputError(f'{file}: give lines "time file", as TUM RGB-D does') from None
+
+
 def _camera_poses(root: Path, times: Array) -> Array:
     """X_WC (n, 4, 4) at some times; NaN where there is none near by, and if it stands still I."""
-    # A pose of the camera is that of an image that was taken no farther from it in time [s].
-    same_time = 0.02
     file = root / "groundtruth.txt"
     if not file.is_file():
         return np.tile(np.eye(4), (len(times), 1, 1))
@@ -138,10 +260,10 @@ def _camera_poses(root: Path, times: Array) -> Array:
     poses = np.full((len(times), 4, 4), np.nan)
     for k, time in enumerate(times):
         at = int(np.argmin(np.abs(rows[:, 0] - time)))
-        if abs(rows[at, 0] - time) <= same_time:
+        if abs(rows[at, 0] - time) <= _SAME_TIME:
             poses[k] = se3.make_pose(R[at], rows[at, 1:4])
     if not np.isfinite(poses).any():
-        raise InputError(f"{file} has no pose within {same_time} s of any image")
+        raise InputError(f"{file} has no pose within {_SAME_TIME} s of any image")
     return poses
 
 

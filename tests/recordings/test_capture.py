@@ -9,7 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from PIL import Image
 
 from feasigrasp.errors import CameraError, FeasigraspError, InputError, PointCloudError
-from feasigrasp.recordings import captured_points, read_camera, read_depth_folder
+from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.recordings import captured_points, read_camera, read_depth, read_depth_folder
+from feasigrasp.recordings.camera_file import find_camera
+from feasigrasp.recordings.images import decimated
 
 WIDTH, HEIGHT, FX, FY, CX, CY = 120, 90, 100.0, 105.0, 58.0, 46.0
 CENTER, RADIUS, WALL = np.array([0.02, -0.01, 0.5]), 0.1, 0.8
@@ -168,3 +171,58 @@ def test_any_damage_of_a_file_is_refused_or_read(folder, data):
         assert points.shape[1] == 3 and np.isfinite(points).all()
     finally:
         (folder / name).write_bytes(whole)
+
+
+def test_depth_is_read_from_floats_in_metres_and_whole_numbers(tmp_path):
+    depth = np.array([[0.5, np.nan], [0.0, 1.25]], dtype=np.float32)
+    Image.fromarray(depth).save(tmp_path / "a.tiff")
+    np.save(tmp_path / "a.npy", depth)
+    np.savez(tmp_path / "a.npz", depth=depth)
+    for end in ("tiff", "npy", "npz"):
+        np.testing.assert_array_equal(read_depth(tmp_path / f"a.{end}"), np.nan_to_num(depth))
+    np.save(tmp_path / "mm.npy", np.full((4, 4), 800.0))
+    with pytest.raises(InputError, match="floating-point images are in metres"):
+        read_depth(tmp_path / "mm.npy")
+
+
+K_ROWS = [600.0, 0.0, 320.0, 0.0, 610.0, 240.0, 0.0, 0.0, 1.0]
+K_COLUMNS = np.reshape(K_ROWS, (3, 3)).T.ravel().tolist()
+ROS = f"image_width: 640\nimage_height: 480\ncamera_matrix: {{rows: 3, cols: 3, data: {K_ROWS}}}\n"
+SIZE = {"width": 640, "height": 480}
+REALSENSE = SIZE | {"fx": 600.0, "fy": 610.0, "ppx": 320.0, "ppy": 240.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("scene_camera.json", json.dumps({"3": {"cam_K": K_ROWS, "depth_scale": 1.0}})),
+        ("intrinsics.json", json.dumps({"intrinsic_matrix": K_COLUMNS} | SIZE)),
+        ("camera_info.yaml", ROS),
+        ("camera_info.yaml", f"width: 640\nheight: 480\nK: {K_ROWS}\n"),
+        ("camera.json", json.dumps(REALSENSE)),
+        ("camera.json", json.dumps({"intrinsics": REALSENSE})),
+        ("cam_K.txt", "600 0 320\n0 610 240\n0 0 1\n"),
+    ],
+)
+def test_camera_files_of_others_are_read(name, text, tmp_path):
+    """BOP, Open3D (by columns), ROS, RealSense, a matrix as text."""
+    (tmp_path / name).write_text(text)
+    found = read_camera(find_camera(tmp_path))
+    assert found.intrinsics == (600.0, 610.0, 320.0, 240.0) and found.unit == 1e-3
+    assert found.size in (None, (640, 480))
+
+
+def test_a_decimated_image_holds_medians_at_the_places_of_its_camera():
+    rng = np.random.default_rng(0)
+    depth = rng.uniform(0.3, 1.0, (7, 8))
+    depth[rng.random(depth.shape) < 0.4] = 0.0
+    small = decimated(depth, 3)
+    assert small.shape == (2, 2)
+    for row, column in np.ndindex(2, 2):
+        square = depth[3 * row : 3 * row + 3, 3 * column : 3 * column + 3]
+        valid = np.sort(square[square > 0.0])
+        assert small[row, column] == valid[(len(valid) - 1) // 2]
+    camera = Camera((300.0, 310.0, 4.0, 3.0), 8, 7, 0.1, 1e-3)
+    # The middle pixel of a square lies in the same direction.
+    coarse = camera.decimated(3)
+    np.testing.assert_allclose(coarse.rays([0, 1], [1, 0]), camera.rays([1, 4], [4, 1]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -48,6 +48,26 @@ class Camera(Frozen):
         check_fields(self, CameraError)
         if min(self.intrinsics[:2]) <= 0.0:
             raise CameraError(f"Camera.intrinsics = {self.intrinsics}: give focal lengths above 0")
+
+    @checked(CameraError)
+    def decimated(self, factor: Count) -> Camera:
+        """The camera of images of which one pixel is a square of ``factor`` pixels a side."""
+        fx, fy, cx, cy = self.intrinsics
+        off = 0.5 * (factor - 1)
+        return replace(
+            self,
+            intrinsics=(fx / factor, fy / factor, (cx - off) / factor, (cy - off) / factor),
+            width=self.width // factor,
+            height=self.height // factor,
+        )
+
+    @checked(CameraError)
+    def cropped(self, rows: slice, columns: slice) -> Camera:
+        """The camera of a part of its images."""
+        (top, bottom, _), (left, right, _) = rows.indices(self.height), columns.indices(self.width)
+        fx, fy, cx, cy = self.intrinsics
+        intrinsics = (fx, fy, cx - left, cy - top)
+        return replace(self, intrinsics=intrinsics, width=right - left, height=bottom - top)
 
     @checked(CameraError)
     def pixels(self, points_C: Annotated[Array, CLOUD]) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array, Indices, Mask
+from feasigrasp.models.clouds.camera import stereo_deviation
 from feasigrasp.models.geometry.se3 import perpendiculars
 
 # Removal of outliers, flying pixels and reflections from a cloud.
@@ -58,6 +59,57 @@ def outliers(points: Array, p_OC: ArrayLike | None = None) -> Mask:
     # A point that is dropped is no bridge.
     link = keep[:, None] & keep[near] & (apart <= far)
     return ~_of_the_object(points, near, link, keep)
+
+
+def least_smear(depth: Array, pitch: ArrayLike, noise: float) -> Array:
+    """Difference of depth to both neighbours from which on pixels are between two surfaces [m].
+
+    Args:
+        depth: Depths, of any shape [m].
+        pitch: Width of their pixels in the plane z = 1, of that shape or a number.
+        noise: See `Camera.depth_noise` [1/m].
+    """
+    # A stereo camera matches nothing at this angle of incidence and more (tan 78 degrees), and
+    # smears from one surface to the next; standard deviations of a depth that are noise.
+    steep, sigmas = 4.6, 1.7
+    return np.maximum(steep * np.asarray(pitch) * depth, sigmas * noise * depth**2)
+
+
+def smeared(points: Array, p_OC: Array) -> Mask:
+    """Mask of points between two surfaces, where a view smears from one to the next, shape (n,).
+
+    As `edges.smeared_pixels`, for clouds without an order: of its neighbours in the picture one is
+    too much nearer, and another one on the other side too much farther; the pitch of the pixels is
+    estimated.
+
+    Args:
+        points: Finite points of one view, shape (n, 3) [m].
+        p_OC: Position of the camera in the same frame, shape (3,) [m].
+    """
+    # Neighbours in the picture: of a grid of pixels the fourth nearest is one pitch away; share of
+    # their differences of depth that a ramp explains, which two surfaces in one place are not.
+    neighbours, pitch_of, explained = 8, 4, 0.9
+    if len(points) <= neighbours:
+        return np.zeros(len(points), dtype=bool)
+    middle = points.mean(axis=0) - p_OC
+    z = middle / max(float(np.linalg.norm(middle)), 1e-12)
+    in_camera = (points - p_OC) @ np.stack([*perpendiculars(z), z], axis=1)
+    depth = np.maximum(in_camera[:, 2], 1e-3)
+    at = in_camera[:, :2] / depth[:, None]
+    apart, near = cKDTree(at).query(at, k=neighbours + 1)
+    pitch = float(np.median(apart[:, pitch_of]))
+    noise = stereo_deviation(1.0 / max(pitch, 1e-6))
+    least = least_smear(depth, np.maximum(apart[:, pitch_of], pitch), noise)
+    beside = depth[near[:, : pitch_of + 1]]
+    both = np.minimum(beside.max(axis=1) - depth, depth - beside.min(axis=1))
+    chosen = np.flatnonzero(both > least)
+    off = at[near[chosen, 1:]] - at[chosen, None]
+    deeper = depth[near[chosen, 1:]] - depth[chosen, None]
+    ramp = np.einsum("nkj,nk->nj", np.linalg.pinv(off).transpose(0, 2, 1), deeper)
+    fitted = np.einsum("nkj,nj->nk", off, ramp)
+    mask = np.zeros(len(points), dtype=bool)
+    mask[chosen] = np.square(fitted).sum(axis=1) > explained * np.square(deeper).sum(axis=1)
+    return mask
 
 
 def _continue_the_picture(points: Array, p_OC: Array, chosen: Indices) -> Mask:

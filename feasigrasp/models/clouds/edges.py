@@ -14,6 +14,7 @@ from scipy.ndimage import binary_dilation
 
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.clouds.checks import least_smear
 
 #: Points of neighbouring pixels on an object that are farther apart lie on different surfaces [m].
 #: Source: guessed.
@@ -54,6 +55,27 @@ def edge_pixels(
         edge[one] |= apart | ~(seen[next_] | of_body[next_])
         edge[next_] |= apart | ~(seen[one] | of_body[one])
     return edge
+
+
+def smeared_pixels(depth: Array, camera: Camera) -> Mask:
+    """Pixels where a stereo camera smears from one surface to the next, shape (h, w).
+
+    Of its two neighbours in a row or column one is nearer and the other one farther, by more than
+    `STEEP` says and than noise is.
+
+    Args:
+        depth: 0 or not finite where nothing was measured, shape (h, w) [m].
+        camera: The camera.
+    """
+    z = np.where(np.isfinite(depth) & (depth > 0.0), depth, np.nan)
+    least = least_smear(z, 1.0 / min(camera.intrinsics[:2]), camera.depth_noise)
+    smeared = np.zeros(z.shape, dtype=bool)
+    with np.errstate(invalid="ignore"):  # NaN where nothing was measured
+        for image, of, limit in ((smeared, z, least), (smeared.T, z.T, least.T)):
+            middle = of[1:-1]
+            near, far = np.minimum(of[2:], of[:-2]), np.maximum(of[2:], of[:-2])
+            image[1:-1] |= np.minimum(far - middle, middle - near) > limit[1:-1]
+    return smeared
 
 
 def grown_mask(points: NDArray[np.floating], mask: Mask, free: Mask, jump: float) -> Mask:

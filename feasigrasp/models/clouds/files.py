@@ -232,9 +232,18 @@ def _check_viewpoint(cloud: Array, viewpoint: Array) -> None:
 
 
 def _only_cloud(path: Path) -> NDArray[np.generic]:
-    clouds = {name: array for name, array in read_arrays(path).items() if _is_cloud(array)}
-    # A camera matrix has the shape of a cloud, too.
-    clouds = {n: a for n, a in clouds.items() if len(a) > 4} or clouds
+    arrays = read_arrays(path)
+    # A camera matrix has the shape of a cloud, too, and colors have that of an organised one.
+    clouds = {
+        name: array
+        for name, array in arrays.items()
+        if _is_cloud(array) and len(array) > 4 and array.dtype != np.uint8
+    }
+    if not clouds and {"depth", "K"} <= set(arrays):
+        raise PointCloudError(
+            f"{path.name} holds a depth image and its camera, and no cloud; read it by "
+            "captured_points"
+        )
     if len(clouds) != 1:
         raise PointCloudError(
             f"{path.name} holds {len(clouds)} arrays that could be a cloud"

@@ -69,7 +69,8 @@ def filter_grasps(
             weaker one is used only while fewer than ``enough`` grasps pass.
         enough: See ``cosine_steps``.
         table: A plane that the hand has to stay above by `MARGIN`: unit normal n in O and
-            offset h, shape (4,) [m]; points with ``n . p > h`` are above.
+            offset h, shape (4,) [m]; points with ``n . p > h`` are above. Without one it is that of
+            the field.
 
     Returns:
         The survivors, best first, with the number of candidates dropped for each `Rejection`. The
@@ -92,6 +93,8 @@ def filter_grasps(
             )
     numbers = np.arange(len(poses))
     candidates = GraspSet(poses, np.asarray(width), learned[:, 0], {}, numbers)
+    if table is None and gpdf.table is not None:
+        table = gpdf.table * [1.0, 1.0, 1.0, -1.0]
     plane = None if table is None else _checked_plane(table)
     if len(candidates) == 0:
         return candidates

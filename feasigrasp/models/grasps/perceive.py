@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import GraspError, PointCloudError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.clouds.checks import checked_cloud, outliers
+from feasigrasp.models.clouds.checks import checked_cloud, outliers, smeared
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.payload import PayloadModel, payload_filtered
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler
-from feasigrasp.models.quantities import CLOUD, POINT, Positive, Whole
+from feasigrasp.models.quantities import CLOUD, POINT, ArrayOf, Positive, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.segmentation.tabletop import check_no_table
 from feasigrasp.models.shape.completion import complete_shape
@@ -61,6 +61,7 @@ def perceive(
     seed: Whole = 0,
     mass: Positive | None = None,
     down: Annotated[ArrayLike, POINT] | None = None,
+    table: Annotated[ArrayLike, ArrayOf((4,))] | None = None,
 ) -> Perception:
     """Fits the distance field to one cloud of an object and samples grasps, as the pipeline does.
 
@@ -78,6 +79,8 @@ def perceive(
         seed: Of a sampler that draws, see `make_sampler`.
         mass: Mass of the object, if it is known [kg]; else it is estimated from its volume.
         down: Direction of gravity, shape (3,); see `payload_filtered`.
+        table: The plane that the object stands on, as `table_plane` finds it, shape (4,); for a
+            cloud with a viewpoint. It closes the shape from below, and no hand goes through it.
 
     Returns:
         The field and the grasps in the frame of the points; `GraspSet.rejected` counts by
@@ -92,16 +95,19 @@ def perceive(
         sampler = make_sampler(sampler, gripper, seed=seed)
     view = None if viewpoint is None else np.asarray(viewpoint)
     points = checked_cloud(points)
-    check_no_table(points, view)
-    bad = outliers(points, view)
-    points = points[~bad]
+    plane = None if table is None else np.asarray(table)
+    if plane is None:
+        check_no_table(points, view)
+    bad = np.zeros(len(points), dtype=bool) if view is None else smeared(points, view)
+    bad[~bad] = outliers(points[~bad], view)
+    points = checked_cloud(points[~bad])
     if view is None:
         # No camera, so no free space; the normals point away from the middle.
         cloud = FusedCloud.empty(voxel_size).merged(points, np.zeros(3))
         gpdf = fit_gpdf(cloud.points)
     else:
         cloud = FusedCloud.empty(voxel_size, smooth=True).merged(points, view)
-        gpdf = complete_shape(cloud)
+        gpdf = complete_shape(cloud, table=plane)
     g = None if down is None else np.asarray(down)
     grasps = payload_filtered(PayloadModel(gripper, mass).with_loads(gpdf, sampler(gpdf)), g)
     return Perception(cloud, gpdf, grasps, gripper, view, int(bad.sum()), g)

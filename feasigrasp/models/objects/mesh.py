@@ -34,8 +34,9 @@ def read_solid(path: Path, scale: float = 1.0) -> tuple[trimesh.Trimesh, tuple[s
 
     Vertices are merged by position (normals and texture seams are dropped), the winding is made
     consistent and outward, and the result is checked. A closed surface inside another one is the
-    wall of a cavity; bodies that touch or overlap are united; what floats apart and has less than
-    1 % of the volume is dropped. Not checked: whether one body's surface cuts through itself.
+    wall of a cavity if it is wound against it, and else a solid core, which is dropped; bodies that
+    touch or overlap are united; what floats apart and has less than 1 % of the volume is dropped.
+    Not checked: whether one body's surface cuts through itself.
 
     Args:
         path: Any mesh file that trimesh reads.
@@ -216,7 +217,8 @@ def _one_solid(mesh: trimesh.Trimesh, path: Path) -> tuple[trimesh.Trimesh, tupl
     """The solid that closed shells enclose, and what had to be repaired.
 
     A shell is a connected surface. By volume, largest first, a shell inside the others is the wall
-    of a cavity, one that meets them is united with them, and a crumb apart is dropped.
+    of a cavity, or the surface of a solid core if it is wound like the largest; one that meets them
+    is united with them, and a crumb apart is dropped.
 
     Raises:
         MeshError: A shell is open, there are several bodies apart, or there is no volume.
@@ -254,16 +256,21 @@ def _joined(shells: list[trimesh.Trimesh], notes: list[str]) -> tuple[trimesh.Tr
     # Bodies with less than this share of the largest one's volume are crumbs of a scan; a shell of
     # which more than this share is in another body is inside it.
     crumb, inside = 0.01, 0.999
-    whole, crumbs, lost, turned = Manifold(), Manifold(), [], False
+    whole, crumbs, lost, cores = Manifold(), Manifold(), [], 0
     bodies: list[float] = []
     shells = sorted(shells, key=lambda shell: -abs(_volume(shell)))
+    turned = inside_out = _volume(shells[0]) < 0
     for shell in shells:
         inward, volume = _volume(shell) < 0, abs(_volume(shell))
         if inward:
             shell.invert()
         solid = _manifold(shell)
-        hollow, in_crumb = ((other ^ solid).volume() > inside * volume for other in (whole, crumbs))
-        turned |= inward != (hollow or in_crumb)
+        within, in_crumb = ((other ^ solid).volume() > inside * volume for other in (whole, crumbs))
+        hollow = within and inward != inside_out
+        if within and not hollow:
+            cores += 1
+            continue
+        turned |= inward and not (hollow or in_crumb)
         joined = whole - solid if hollow else whole + solid
         found = [part.volume() for part in joined.decompose() if part.volume() > 0.0]
         apart = len(found) > len(bodies)
@@ -276,6 +283,9 @@ def _joined(shells: list[trimesh.Trimesh], notes: list[str]) -> tuple[trimesh.Tr
         whole, bodies = joined, found
     if turned:
         notes.append(_TURNED)
+    if cores:
+        many = "a solid core" if cores == 1 else f"{cores} solid cores"
+        notes.append(f"dropped {many} inside the object; the wall of a cavity is wound against it")
     if lost:
         many = "a crumb" if len(lost) == 1 else f"{len(lost)} crumbs"
         notes.append(f"dropped {many} beside the object, {1e6 * sum(lost):.2g} cm^3")

@@ -18,7 +18,7 @@ from feasigrasp.outputs import replacing
 #: Files from this size on are kept [bytes]; 1 MB is about 20 000 faces. Source: reasoned.
 LARGE = 4_000_000
 #: Another number when what is made of a mesh changes. Source: layout.
-_VERSION = 1
+_VERSION = 2
 
 Solid = tuple[trimesh.Trimesh, tuple[str, ...]]
 

@@ -50,10 +50,12 @@ class DistanceField(Protocol):
         """Raw distance (m,) and its gradient (m, 3) at x (m, 3)."""
 
 
-def distance_to(field: DistanceField, points_O: Array) -> Array:
-    """First-order distance ``|d| / |grad d|`` of points (m, 3) from the field's zero, (m,) [m]."""
-    # Pixels of components that do not agree are looked at no farther from its surface [m].
-    near = _beside(field.bounds, points_O) <= 0.03
+def distance_to(field: DistanceField, points_O: Array, within: float = 0.0) -> Array:
+    """First-order distance ``|d| / |grad d|`` of points (m, 3) from the field's zero, (m,) [m].
+
+    Infinite for what is farther than ``within`` [m], and than 3 cm, beside its bounds.
+    """
+    near = _beside(field.bounds, points_O) <= max(within, 0.03)
     distance = np.full(len(points_O), np.inf)
     d, gradient = field.distance_and_gradient(np.ascontiguousarray(points_O[near]))
     distance[near] = np.abs(d) / np.maximum(np.linalg.norm(gradient, axis=1), 0.2)
@@ -61,7 +63,7 @@ def distance_to(field: DistanceField, points_O: Array) -> Array:
 
 
 def agreeing(
-    components: Components, points: Floats, field: DistanceField, X_WO: Array
+    components: Components, points: Floats, field: DistanceField, X_WO: Array, slack: float = 0.0
 ) -> tuple[list[int], Indices]:
     """The components that are of an object with that field at that pose, and single pixels.
 
@@ -73,6 +75,7 @@ def agreeing(
         points: By pixel, shape (n, 3) [m].
         field: The object's, in O.
         X_WO: Predicted pose, shape (4, 4).
+        slack: How far off it may be, beside what is usual [m].
 
     Returns:
         Numbers of the components, and of the pixels of other components.
@@ -87,13 +90,14 @@ def agreeing(
         # A point agrees with the field that is no farther from its zero [m]: the error of the
         # predicted pose and of the side of the object that was not seen yet.
         # One point of a component's sample in this number is compared with the field.
-        near = distance_to(field, _to(X_OW, sample[::3])) < 0.02
+        gate = 0.02 + slack
+        near = distance_to(field, _to(X_OW, sample[::3]), gate) < gate
         if near.mean() >= agreeing_share:
             kept.append(k)
         else:
             pixels = np.flatnonzero(components.number == k)
             distance = distance_to(field, _to(X_OW, points[pixels].astype(float)))
-            single.append(pixels[distance < nearest])
+            single.append(pixels[distance < nearest + slack])
     return kept, np.concatenate(single)
 
 
@@ -190,6 +194,7 @@ class Known(NamedTuple):
         before: An earlier view, for the detection of motion.
         waited: How long has been waited for something to move [s].
         box: What somebody drew about the object: first column and row, last ones, shape (4,) [px].
+        slack: How far off ``X_WO`` may be, beside what is usual [m].
     """
 
     field: DistanceField | None = None
@@ -198,6 +203,7 @@ class Known(NamedTuple):
     before: CameraView | None = None
     waited: float = np.inf
     box: Array | None = None
+    slack: float = 0.0
 
 
 def segment(
@@ -251,7 +257,7 @@ def _followed(components: Components, view: CameraView, known: Known) -> Mask | 
     pose = known.X_WO
     if known.field is None or known.lost or pose is None or not np.isfinite(pose).all():
         return None
-    kept, single = agreeing(components, view.points, known.field, pose)
+    kept, single = agreeing(components, view.points, known.field, pose, known.slack)
     mask = components.mask(kept)
     mask[single] = True
     return mask

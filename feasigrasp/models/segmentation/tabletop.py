@@ -1,10 +1,11 @@
 """Dominant plane of a cloud, and the body on it: tabletop segmentation.
 
-For clouds of real cameras, where neither arm nor cell nor an earlier image is known. The plane that
-holds most points is the table; of what stands on it, the largest body is the object.
+For clouds of real cameras, where neither arm nor cell nor an earlier image is known.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,8 +14,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.arrays import Array, Indices, Mask
+from feasigrasp.models.clouds.checks import smeared
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
+from feasigrasp.models.segmentation.components import LARGEST
 
 
 def check_no_table(points: Array, viewpoint: Array | None) -> None:
@@ -113,41 +116,12 @@ _LEAST = 20
 
 
 def object_on_table(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> Mask:
-    """Mask of the points of a cloud on the object above the table.
-
-    Args:
-        points: Finite points of table, object and what else is in view, shape (n, 3) [m].
-        viewpoint: Where the camera was, shape (3,) [m]; above the table.
-
-    Returns:
-        Shape (n,).
-
-    Raises:
-        PointCloudError: Nothing stands on the largest plane.
-    """
-    cloud = np.asarray(points, dtype=float)
-    keys = voxel_keys(cloud, _RESOLUTION)
-    thin, _ = grouped_means(cloud, keys, np.ones(len(cloud)))
-    normal, offset = _plane(thin, viewpoint)
-    standing = np.flatnonzero(thin @ normal + offset > _STANDS)
-    if len(standing) < _LEAST:
-        raise PointCloudError(
-            "nothing stands on the largest plane of the cloud; is the object in it? For a cloud of "
-            "the object alone leave --on-table out"
-        )
-    pairs = cKDTree(thin[standing]).query_pairs(_JOINED, output_type="ndarray")
-    links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(standing),) * 2)
-    _, body = connected_components(links, directed=False)
-    largest = standing[body == np.argmax(np.bincount(body))]
-    of_object = np.zeros(len(thin), dtype=bool)
-    of_object[largest] = True
-    _, voxel = np.unique(keys, return_inverse=True)  # in the order of grouped_means
-    above = cloud @ normal + offset > _STANDS
-    return np.asarray(of_object[voxel] & above)
+    """Mask of the points of a cloud on the object above the table, as `tabletop` finds both."""
+    return tabletop(points, viewpoint)[0]
 
 
 def table_plane(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """The plane that holds most points, e.g. of a table.
+    """The plane of the table, as `tabletop` finds it; the largest one if nothing stands on any.
 
     Args:
         points: Finite points, shape (n, 3) [m].
@@ -159,19 +133,162 @@ def table_plane(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> Ar
     Raises:
         PointCloudError: There are hardly any points.
     """
-    cloud = np.asarray(points, dtype=float)
-    keys = voxel_keys(cloud, _RESOLUTION)
-    thin, _ = grouped_means(cloud, keys, np.ones(len(cloud)))
+    thin, _ = _thinned(np.asarray(points, dtype=float))
     if len(thin) < _LEAST:
         raise PointCloudError(f"a cloud of {len(thin)} voxels of 4 mm shows no table")
-    normal, offset = _plane(thin, viewpoint)
-    return np.append(normal, offset)
+    planes = _planes(thin, np.asarray(viewpoint, dtype=float))
+    found = _nearest_standing(thin, planes, np.asarray(viewpoint, dtype=float))
+    return planes[0] if found is None else found[1]
 
 
-def _plane(thin: Array, viewpoint: ArrayLike) -> tuple[Array, float]:
-    """Unit normal and offset of the plane with most points, the camera on its positive side."""
-    # Draws of three points in the search for the plane.
-    plane = largest_plane(thin, _THICKNESS, 1000)
-    normal, offset = plane[:3], float(plane[3])
-    sign = 1.0 if normal @ np.asarray(viewpoint, dtype=float) + offset > 0.0 else -1.0
-    return sign * normal, sign * offset
+def tabletop(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> tuple[Mask, Array]:
+    """The object on a table: of the large planes, the table is the one under what is nearest.
+
+    A plane counts if a body of a graspable size stands on it; of several bodies on the table, the
+    largest is the object.
+
+    Args:
+        points: Finite points of table, object and what else is in view, shape (n, 3) [m].
+        viewpoint: Where the camera was, shape (3,) [m]; above the table.
+
+    Returns:
+        Mask of the object's points, shape (n,); and the plane, see `table_plane`.
+
+    Raises:
+        PointCloudError: Nothing stands on any large plane.
+    """
+    cloud, camera = np.asarray(points, dtype=float), np.asarray(viewpoint, dtype=float)
+    surface = ~smeared(cloud, camera)
+    thin, voxel = _thinned(cloud[surface])
+    found = _nearest_standing(thin, _planes(thin, camera), camera)
+    if found is None:
+        raise PointCloudError(
+            "nothing of a graspable size stands on a large plane of the cloud; is the object in "
+            "it? For a cloud of the object alone leave --on-table out"
+        )
+    body, plane = found
+    of_object = np.zeros(len(thin), dtype=bool)
+    of_object[body] = True
+    mask = cloud @ plane[:3] + plane[3] > _STANDS
+    mask[surface] &= of_object[voxel]
+    return np.asarray(mask & surface), plane
+
+
+def _thinned(cloud: Array) -> tuple[Array, Indices]:
+    """Means of the voxels of a cloud, and the voxel of each point."""
+    keys = voxel_keys(cloud, _RESOLUTION)
+    thin, _ = grouped_means(cloud, keys, np.ones(len(cloud)))
+    return thin, np.unique(keys, return_inverse=True)[1]  # in the order of grouped_means
+
+
+def _planes(thin: Array, viewpoint: Array) -> list[Array]:
+    """The large planes of a cloud, shape (4,) each, the camera above each; the largest first."""
+    # Planes that are looked for, at most; the share of the cloud that one holds at least.
+    most, share = 5, 0.04
+    planes: list[Array] = []
+    left = thin
+    while len(planes) < most and len(left) >= max(_LEAST, share * len(thin)):
+        # Draws of three points in the search for the plane.
+        plane = largest_plane(left, _THICKNESS, 1000)
+        on = np.abs(left @ plane[:3] + plane[3]) <= _THICKNESS
+        if planes and np.count_nonzero(on) < share * len(thin):
+            break
+        planes.append(plane if plane[:3] @ viewpoint + plane[3] > 0.0 else -plane)
+        left = left[~on]
+    return planes
+
+
+def _nearest_standing(
+    thin: Array, planes: list[Array], viewpoint: Array
+) -> tuple[Indices, Array] | None:
+    """The largest body on that plane which has the nearest one, and the plane."""
+    # A body that shows less than this share of the largest one's voxels is a piece of one.
+    piece = 0.2
+    on_planes = [(body, plane) for plane in planes for body in [_standing(thin, plane)]]
+    sized = [(body, plane) for body, plane in on_planes if len(body) >= _LEAST]
+    if not sized:
+        return None
+    least = piece * max(len(body) for body, _ in sized)
+    return min(
+        ((body, plane) for body, plane in sized if len(body) >= least),
+        key=lambda each: float(np.linalg.norm(thin[each[0]] - viewpoint, axis=1).min()),
+    )
+
+
+def _standing(thin: Array, plane: Array) -> Indices:
+    """The largest body of a graspable size on a plane, and amid it; empty if there is none."""
+    # A body stands on the plane that begins this near to it [m].
+    foot = 0.02
+    height = thin @ plane[:3] + plane[3]
+    above = np.flatnonzero(height > _STANDS)
+    if len(above) < _LEAST:
+        return above[:0]
+    pairs = cKDTree(thin[above]).query_pairs(_JOINED, output_type="ndarray")
+    links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(above),) * 2)
+    _, number = connected_components(links, directed=False)
+    for which in np.argsort(-np.bincount(number), kind="stable")[:10]:
+        body = above[number == which]
+        extent = np.linalg.norm(np.ptp(thin[body], axis=0))
+        if extent <= LARGEST and height[body].min() < foot:
+            return body
+    return above[:0]
+
+
+def support_plane(
+    around: Array, body: Array, p_WC: Array, tolerance: float, guesses: Sequence[Array] = ()
+) -> Array | None:
+    """The plane that a body stands on: that with most points round it which has it above.
+
+    Args:
+        around: Points about the body, shape (n, 3) [m].
+        body: Points of the body, shape (m, 3), m > 0 [m].
+        p_WC: Position of the camera, above the plane, shape (3,) [m].
+        tolerance: Largest distance of points of the plane [m].
+        guesses: Planes that it may be, e.g. that of the last image, shape (4,) each.
+
+    Returns:
+        Its unit normal and offset, see `table_plane`; None if the body stands on nothing.
+    """
+    # Draws of three points; points that are compared; share of these that the plane holds.
+    draws, compared, share = 60, 800, 0.15
+    # The body's lowest points are no higher than this above the plane it stands on [m], and of its
+    # points at least this share is above, and less than the second in the plane: else it is a face.
+    standing, above, on_it = 0.03, 0.95, 0.8
+    # A plane is one that was guessed at this cosine between both normals; how far the body may be
+    # off it then [m].
+    alike, uncertain = 0.97, 0.03
+    some = around[:: -(-len(around) // compared)]
+    if len(some) < _LEAST:
+        return None
+    a, b, c = some[np.random.default_rng(0).integers(len(some), size=(3, draws))]
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
+    planes = np.column_stack([normals, -np.einsum("ni,ni->n", normals, a)])
+    planes = np.vstack([*(guess[None] for guess in guesses), planes])
+    planes *= np.where(planes[:, :3] @ p_WC + planes[:, 3] > 0.0, 1.0, -1.0)[:, None]
+    height = body[:: -(-len(body) // 200)] @ planes[:, :3].T + planes[:, 3]
+    off = np.full(len(planes), tolerance)
+    for guess in guesses:  # where the body is expected is uncertain, how it stands is not
+        off[planes[:, :3] @ guess[:3] > alike] += uncertain
+    under = (height > -off).mean(axis=0) >= above
+    under &= (np.abs(height) <= tolerance).mean(axis=0) < on_it
+    under &= np.percentile(height, 5.0, axis=0) < standing + off
+    on = np.abs(some @ planes[:, :3].T + planes[:, 3]) <= tolerance
+    count = np.where(under, on.sum(axis=0), 0)
+    for best in np.argsort(-count, kind="stable")[:5]:
+        near = some[on[:, best]]
+        if count[best] < share * len(some) or not _all_round(near, np.median(body, axis=0)):
+            continue
+        middle = near.mean(axis=0)
+        normal = np.linalg.eigh((near - middle).T @ (near - middle))[1][:, 0]
+        normal *= np.sign(normal @ planes[best, :3])
+        return np.append(normal, -normal @ middle)
+    return None
+
+
+def _all_round(points: Array, p: Array) -> bool:
+    """Whether points (n, 3) of a plane lie round the foot of a point p (3,) above it."""
+    across = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][:2]
+    x, y = across @ (points - p).T
+    angle = np.sort(np.arctan2(y, x))
+    return bool(np.max(np.diff(angle, append=angle[0] + 2.0 * np.pi)) < np.pi)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import lapack
 from scipy.ndimage import binary_erosion
-from scipy.spatial import cKDTree
+from scipy.spatial import Delaunay, cKDTree
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arguments import checked
@@ -28,6 +28,7 @@ from feasigrasp.models.clouds.checks import check_fit, checked_cloud
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.view_image import ViewImage, free_distance, rim_points
 from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.quantities import POINTS, ArrayOf, Count, Positive, Whole
 from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
 from feasigrasp.models.shape.gpdf_fit import fit_field
@@ -121,6 +122,10 @@ SURFACE_OFFSET = 2e-3
 ROUGH_POINTS = 320
 
 
+#: Surface this far under the plane of a table is not the object's [m]. Source: guessed.
+_TABLE_ERROR = 1e-3
+
+
 #: The field of this package.
 DEFAULT = "default"
 
@@ -170,13 +175,15 @@ class CompletedField(Gpdf):
 
     @checked(PointCloudError)
     def possible(self, x: Annotated[Array, POINTS]) -> Mask:
-        """Mask of points (m, 3) outside observed free space, shape (m,)."""
+        """Mask of points (m, 3) outside observed free space and not under the table, (m,)."""
         # Completed surface deeper in free space than this is dropped [m], unless an observed point
         # is this near [m]: then the view's edge is wrong, not the surface.
         carved, observed = 3e-3, 4e-3
         free = free_distance(self.images, x) > carved
         near = self._tree.query(x[free], distance_upper_bound=observed)[0]  # inf if none is
         free[free] = near > observed
+        if self.table is not None:
+            free |= x @ self.table[:3] + self.table[3] < -_TABLE_ERROR
         return ~free
 
     def _withdrawn(self, x: Array) -> Array:
@@ -205,6 +212,7 @@ def complete_shape(
     noise_variance: Positive | None = None,
     max_points: Count = 512,
     learnt: bool = True,
+    table: Annotated[ArrayLike, ArrayOf((4,))] | None = None,
 ) -> Gpdf:
     """Fits the distance field to the merged views of an object.
 
@@ -215,6 +223,8 @@ def complete_shape(
         noise_variance: s2 of the occupancy observations; by default 0.001, for smoothed views.
         max_points: Surface points that the field is fitted to, by farthest-point selection.
         learnt: Whether nodes are put where a network expects the hidden side (default preset only).
+        table: The plane that the object stands on, see `Gpdf.table`: it closes the shape from below
+            (default preset only).
 
     Returns:
         The field in the frame of the cloud, by default a `CompletedField`.
@@ -242,16 +252,21 @@ def complete_shape(
     bounds = np.stack([points.min(axis=0), points.max(axis=0)])
     free, free_by = _free_nodes(cloud.images, points)
 
+    plane = None if table is None else np.asarray(table, dtype=float)
+
     def fitted_to(count: int, hidden: HiddenNodes) -> tuple[Gpdf, int]:
         """The field of the first surface points, and the number of its nodes that rest on them."""
         seen, signed = _seen_nodes(surface[:count], normals[:count], steep[:count])
+        under = _nodes_under(plane, np.concatenate([points, hidden.points]))
         # Errors of neighbouring nodes there correlate: this number counts as one observation.
         hidden_variance = 1.5 * (hidden.deviation / length_scale) ** 2
         made_up = np.zeros(len(hidden.points))
-        noise = np.concatenate([np.zeros(len(seen) + len(free)), hidden_variance])
+        others = len(seen) + len(free) + len(under)
+        noise = np.concatenate([np.zeros(others), hidden_variance])
+        under_by = np.full(len(under), _UNDER)
         fitted = fit_field(
-            np.concatenate([seen, free, hidden.points]),
-            np.exp(-np.concatenate([signed, free_by, made_up]) / length_scale),
+            np.concatenate([seen, free, under, hidden.points]),
+            np.exp(-np.concatenate([signed, free_by, under_by, made_up]) / length_scale),
             points=surface[:count],
             bounds=bounds,
             length_scale=length_scale,
@@ -264,8 +279,11 @@ def complete_shape(
         rough, _ = fitted_to(ROUGH_POINTS, hidden)
         # Nodes on the hidden side, all views together.
         hidden = hidden_nodes(rough, cloud.images, points, load_hidden_side(), 120)
+        if plane is not None:
+            above = hidden.points @ plane[:3] + plane[3] > 0.0
+            hidden = HiddenNodes(hidden.points[above], hidden.deviation[above])
     fitted, observed = fitted_to(len(surface), hidden)
-    content = {f.name: getattr(fitted, f.name) for f in fields(Gpdf)}
+    content = {f.name: getattr(fitted, f.name) for f in fields(Gpdf)} | {"table": plane}
     return CompletedField(
         **content,
         cloud=points,
@@ -299,3 +317,28 @@ def _free_nodes(images: tuple[ViewImage, ...], points: Array) -> tuple[Array, Ar
     apart = cKDTree(points).query(nodes, distance_upper_bound=clearance)[0]  # inf if further
     kept = (distance > 0.0) & (apart > clearance)
     return nodes[kept], distance[kept]
+
+
+#: Depth of the nodes under a table [m]. Source: guessed.
+_UNDER = 5e-3
+
+
+def _nodes_under(table: Array | None, points: Array) -> Array:
+    """Nodes `_UNDER` a table where the object stands, the hull of what is near it, (n, 3)."""
+    # Surface that is no higher stands on the table [m]; distance of the nodes [m].
+    standing, spacing = 0.012, 0.01
+    if table is None:
+        return np.zeros((0, 3))
+    height = points @ table[:3] + table[3]
+    across = np.stack(perpendiculars(table[:3]), axis=1)
+    foot = points[height < standing] @ across
+    if len(foot) < 3 or np.linalg.matrix_rank(foot - foot.mean(axis=0), tol=spacing) < 2:
+        return np.zeros((0, 3))
+    axes = [np.arange(low, high, spacing) for low, high in zip(*_range(foot), strict=True)]
+    grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    inside = grid[Delaunay(foot, qhull_options="QJ").find_simplex(grid) >= 0]
+    return np.asarray(inside @ across.T - (table[3] + _UNDER) * table[:3])
+
+
+def _range(x: Array) -> Array:
+    return np.stack([x.min(axis=0), x.max(axis=0)])

@@ -71,6 +71,8 @@ class Gpdf(Frozen):
         cholesky: Cholesky factor of ``K + diag(s2)``, shape (k, k), Fortran order; only its lower
             triangle means anything.
         damped: Whether ``refine`` takes damped Newton steps; if not, the paper's steps of d.
+        table: Plane that the object stands on, unit normal n and offset d: ``n . x + d`` is the
+            height of x [m], shape (4,); None if there is none.
         has_free_space: Whether `possible` depends on free space.
     """
 
@@ -83,6 +85,7 @@ class Gpdf(Frozen):
     alpha: Annotated[Array, ArrayOf(("k",))]
     cholesky: Annotated[Array, ArrayOf(("k", "k"), finite=False, order="K")]
     damped: bool = True
+    table: Annotated[Array, ArrayOf((4,))] | None = None
     has_free_space: ClassVar[bool] = False
 
     def __post_init__(self) -> None:

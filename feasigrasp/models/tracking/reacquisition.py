@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.tracking.keyframe import is_cut
 from feasigrasp.models.tracking.model import TrackedModel
-from feasigrasp.models.tracking.registration import Registration, register
+from feasigrasp.models.tracking.registration import Registration, is_found, register
 from feasigrasp.models.tracking.view import ObjectView
 
 #: Turns that are tried [rad]: about each axis of the world, and those that leave no orientation
@@ -26,6 +27,32 @@ SEARCH_SPREAD, ANY_ORIENTATION_SPREAD = (0.3, 0.05), (1.5, 0.1)
 #: A model point that projects onto the background counts as this number of points of the object.
 #: Source: guessed.
 _BESIDE = 2.0
+
+
+def registered(
+    model: TrackedModel, view: ObjectView, X_WO: Array, covariance: Array
+) -> Registration:
+    """Registration from the expected pose, or from where the points are if that is far off.
+
+    Args:
+        model: The object.
+        view: An image of it.
+        X_WO: Expected pose, shape (4, 4).
+        covariance: Of its error [theta, p], shape (6, 6).
+    """
+    # Beyond such a step of the center of what is visible a registration may be out of reach [m].
+    large = 0.008
+    found = register(model, view, X_WO, covariance)
+    lever, normals_W = model.placed(X_WO[:3, :3])
+    facing = _facing(view, lever + X_WO[:3, 3], normals_W)
+    if is_found(found) or is_cut(view) or not facing.any():
+        return found
+    step = view.points_W.mean(axis=0) - lever[facing].mean(axis=0) - X_WO[:3, 3]
+    if np.linalg.norm(step) <= large:
+        return found
+    start = se3.make_pose(X_WO[:3, :3], X_WO[:3, 3] + step)
+    other = register(model, view, X_WO, covariance, start=start)
+    return other if is_found(other) else found
 
 
 def reacquire(

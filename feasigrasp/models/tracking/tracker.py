@@ -40,19 +40,19 @@ from feasigrasp.models.tracking.reacquisition import (
     ANY_ORIENTATION_SPREAD,
     SEARCH_SPREAD,
     reacquire,
+    registered,
 )
 from feasigrasp.models.tracking.registration import (
     Registration,
     is_accepted,
     is_found,
-    register,
     shows_model,
 )
 from feasigrasp.models.tracking.twist_filter import TwistFilter, jerk_of, moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
 
 #: Least number of points of a first view, and of any other. Source: guessed.
-_FIRST_POINTS, _LEAST_POINTS = 300, 80
+FIRST_POINTS, _LEAST_POINTS = 300, 80
 #: After such a gap little in the image is not enough, and any turn is tried [s]; a pose this far
 #: from the expected one is asked for as much as one that was searched for [m]. Source: guessed.
 _LONG_GAP, _LARGE_STEP = 1.0, 0.01
@@ -197,7 +197,7 @@ def track(
         searched_at = after.searched_at
         after, _ = _located(before, other, gap)
         after = replace(after, searched_at=max(searched_at, after.searched_at))
-    whole = len(view.points_W) >= _FIRST_POINTS and not is_cut(view)
+    whole = len(view.points_W) >= FIRST_POINTS and not is_cut(view)
     unknown = whole and gap > _LONG_GAP and not held and after.measured_at < time
     after = replace(after, unknown_since=min(after.unknown_since, time) if unknown else np.inf)
     # An object that is seen as a whole is not recognised for so long: what is known is given up
@@ -232,7 +232,7 @@ def _by_middle(before: FieldTrack, view: ObjectView) -> FieldTrack:
     middle_error = 4e-3
     expected = before.estimate
     assert expected is not None
-    if len(view.points_W) < _FIRST_POINTS or is_cut(view):
+    if len(view.points_W) < FIRST_POINTS or is_cut(view):
         return replace(before, in_view=0.0)
     information = np.diag(np.repeat([0.0, middle_error**-2], 3))
     P = expected.pose_covariance
@@ -287,12 +287,12 @@ def _located(
     if model is None or expected is None or last is None or len(view.points_W) < _LEAST_POINTS:
         return before, None
     time = before.image_time
-    found = register(model, view, expected.X_WO, expected.pose_covariance)
+    found = registered(model, view, expected.X_WO, expected.pose_covariance)
     near = np.linalg.norm(found.X_WO[:3, 3] - expected.X_WO[:3, 3]) <= _LARGE_STEP
     good = is_accepted(found) if near else is_found(found)
     good = good and (gap < _LONG_GAP or shows_model(found))
     may_search = gap > search_after and time >= before.searched_at + search_period
-    if not good and may_search and len(view.points_W) >= _FIRST_POINTS:
+    if not good and may_search and len(view.points_W) >= FIRST_POINTS:
         before = replace(before, searched_at=time)
         # Where it is expected, and where it is if it has gone on as it went.
         any_orientation = round(1e3 * time) if gap > _LONG_GAP else None
@@ -328,7 +328,7 @@ def _begun(before: FieldTrack, view: ObjectView, time: float) -> FieldTrack:
     One that is begun anew is turned as the old one was expected to be: what others have still
     received of that one, such as its grasps, is near where it was on the object.
     """
-    if len(view.points_W) < _FIRST_POINTS:
+    if len(view.points_W) < FIRST_POINTS:
         return replace(before, image_time=time)
     R_WO = np.eye(3) if before.estimate is None else before.estimate.X_WO[:3, :3]
     X_WO = se3.make_pose(R_WO, np.median(view.points_W, axis=0))

@@ -73,13 +73,15 @@ def _one_per_voxel(points: Array, normals: Array, size: float) -> tuple[Array, A
 _ROOT = "/perception"
 #: Colours of grasps and cloud. Source: layout.
 _GRASP_COLOR, _CLOUD_COLOR = Rgba(0.06, 0.65, 0.25), np.array([[40], [50], [65]], dtype=np.uint8)
+_TABLE_COLOR = Rgba(0.5, 0.45, 0.4)
 
 
 def write_perception_html(perception: Perception, filename: Path) -> None:
     """Writes cloud, completed surface (coloured by uncertainty) and grasps as an HTML file.
 
     The object stands upright with its middle in the origin; the measured points are under
-    ``/perception/cloud``, the surface under ``completion``, the grasps under ``grasps``.
+    ``/perception/cloud``, the surface under ``completion``, the grasps under ``grasps``, and the
+    table, if one was found, under ``table``.
     """
     meshcat = quiet_meshcat()
     # Meshcat's up is z.
@@ -106,6 +108,8 @@ def write_perception_html(perception: Perception, filename: Path) -> None:
         vertices, faces = place_copies(X_OG, *gripper_glyph(perception.gripper))
         meshcat.SetTriangleMesh(f"{_ROOT}/grasps", vertices.T, faces.T, _GRASP_COLOR)
 
+    for k, line in enumerate(table_lines(perception)):
+        meshcat.SetLine(f"{_ROOT}/table/{k}", line.T, 2.0, _TABLE_COLOR)
     set_background(meshcat)
     towards = R @ towards_viewer(perception)
     size = float(np.ptp(surface.points, axis=0).max())
@@ -126,7 +130,9 @@ GRASP_COLOR = "#10a040"
 
 
 def upward(perception: Perception) -> Array:
-    """Up direction: -y in a camera's own frame (origin in the camera), else z."""
+    """Up direction: away from the table; -y in a camera's own frame (origin in the camera); z."""
+    if perception.gpdf.table is not None:
+        return perception.gpdf.table[:3]
     in_camera = perception.viewpoint is not None and not perception.viewpoint.any()
     return np.array([0.0, -1.0, 0.0] if in_camera else [0.0, 0.0, 1.0])
 
@@ -148,6 +154,26 @@ def shown_grasps(perception: Perception) -> Array:
     """The best grasp and others unlike it, shape (k, 4, 4)."""
     grasps = perception.grasps
     return grasps.X_OG[spread_order(grasps.X_OG, grasps.score)[:MAX_SHOWN]]
+
+
+def table_lines(perception: Perception) -> Array:
+    """A grid on the table under the object, shape (k, 2, 3) [m]; empty without a table."""
+    # Lines each way; their length over the size of the object.
+    count, reach = 7, 1.6
+    plane, points = perception.gpdf.table, perception.gpdf.completion.points
+    if plane is None or len(points) == 0:
+        return np.zeros((0, 2, 3))
+    middle = points.mean(axis=0)
+    middle = middle - (middle @ plane[:3] + plane[3]) * plane[:3]
+    half = 0.5 * reach * float(np.ptp(points, axis=0).max())
+    x, y = perpendiculars(plane[:3])
+    return np.array(
+        [
+            middle + half * np.array([share * a - b, share * a + b])
+            for a, b in ((x, y), (y, x))
+            for share in np.linspace(-1.0, 1.0, count)
+        ]
+    )
 
 
 def gripper_outline(gripper: ParallelGripper) -> Array:
@@ -184,6 +210,9 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
     for ax, viewer, side in ((axes[1], front, "camera's side"), (axes[2], behind, "from behind")):
         draw_points(ax, viewer, surface.points, colors, size=dot, normals=surface.normals)
         ax.set_title(f"completed, {side}")
+    table = table_lines(perception)
+    for ax, viewer in zip(axes, (front, front, behind, front), strict=True):
+        draw_lines(ax, viewer, table, "#8a7a68", alpha=0.5, order=0)
     for ax, viewer in zip(axes[:3], (front, front, behind), strict=True):
         frame(ax, viewer, everything)
         scale_bar(ax)

@@ -54,16 +54,34 @@ def test_split_vertices_are_merged(tmp_path):
     assert obj.vertices.shape == (8, 3)
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_inner_surface_is_a_cavity_whatever_its_winding(tmp_path, turned):
-    inner = box(size=0.03)
-    if turned:
-        inner.invert()
-    shell = trimesh.util.concatenate([box(), inner])
+def hollow(size):
+    """The wall of a cavity, whose normals point into it."""
+    wall = box(size=size)
+    wall.invert()
+    return wall
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_inner_surface_wound_against_the_outer_one_is_a_cavity(tmp_path, inside_out):
+    shell = trimesh.util.concatenate([box(), hollow(0.03)])
+    if inside_out:
+        shell.invert()
     obj = load_object(save(shell, tmp_path / "shell.ply"), density=1000.0)
+    assert obj.notes == (("normals turned outward",) if inside_out else ())
     assert obj.mass == pytest.approx(1000 * (0.05**3 - 0.03**3))
     expected = 1000 * (0.05**5 - 0.03**5) / 6 * np.eye(3)
     np.testing.assert_allclose(obj.inertia, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_a_solid_core_is_dropped_and_said(tmp_path, inside_out):
+    both = trimesh.util.concatenate([box(), box(size=0.03)])
+    if inside_out:
+        both.invert()
+    obj = load_object(save(both, tmp_path / "core.obj"), density=1000.0)
+    assert obj.mass == pytest.approx(1000 * 0.05**3)
+    assert obj.notes[-1].startswith("dropped a solid core inside the object")
+    assert ("normals turned outward" in obj.notes) == inside_out
 
 
 def test_large_mesh_is_decimated_and_stays_closed(tmp_path):
@@ -108,7 +126,7 @@ def test_bodies_that_meet_are_united(tmp_path, offset, volume):
 
 
 def test_a_cavity_stays_one_when_its_body_is_united(tmp_path):
-    three = trimesh.util.concatenate([box(), box((0.04, 0.0, 0.0)), box(size=0.01)])
+    three = trimesh.util.concatenate([box(), box((0.04, 0.0, 0.0)), hollow(0.01)])
     obj = load_object(save(three, tmp_path / "three.ply"), density=1000.0)
     assert obj.mass == pytest.approx(1000.0 * (0.09 * 0.05**2 - 0.01**3))
 
@@ -193,7 +211,7 @@ def test_bodies_apart_are_refused(tmp_path):
 
 
 def test_body_inside_a_cavity_is_a_second_body(tmp_path):
-    nested = trimesh.util.concatenate([box(), box(size=0.03), box(size=0.015)])
+    nested = trimesh.util.concatenate([box(), hollow(0.03), box(size=0.015)])
     with pytest.raises(MeshError, match="2 separate bodies"):
         load_object(save(nested, tmp_path / "nested.ply"))
 

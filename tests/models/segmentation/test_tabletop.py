@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.segmentation.tabletop import object_on_table
+from feasigrasp.models.segmentation.tabletop import object_on_table, support_plane
 
 
 def table(rng, n=8000):
@@ -35,7 +35,7 @@ def test_the_largest_body_above_the_table_is_kept():
 
 def test_an_empty_table_is_refused():
     points, _ = table(np.random.default_rng(0))
-    with pytest.raises(PointCloudError, match="nothing stands on the largest plane"):
+    with pytest.raises(PointCloudError, match="nothing of a graspable size stands"):
         object_on_table(points)
 
 
@@ -48,3 +48,26 @@ def test_real_captures_are_segmented_without_their_masks(shared_data, name):
     rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(len(u))], axis=1)
     found = object_on_table(rays * z[v, u][:, None])
     assert np.count_nonzero(found & truth) / np.count_nonzero(found | truth) > 0.95
+
+
+def test_the_support_is_under_the_body_and_none_of_its_faces():
+    """A block on a table beside another one: the table, though faces of blocks are larger."""
+    rng = np.random.default_rng(0)
+    p_WC = np.array([0.0, -0.5, 0.5])
+    table = np.column_stack([rng.uniform(-0.12, 0.12, (600, 2)), np.zeros(600)])
+    table = table[(np.abs(table[:, :2]) > 0.045).any(axis=1)]
+    top = np.column_stack([rng.uniform(-0.04, 0.04, (500, 2)), np.full(500, 0.08)])
+    front = np.column_stack(
+        [rng.uniform(-0.04, 0.04, 500), np.full(500, -0.04), rng.uniform(0.0, 0.08, 500)]
+    )
+    body = np.concatenate([top, front])
+    for around in (table, np.concatenate([table, body])):
+        plane = support_plane(around, body, p_WC, 0.005)
+        np.testing.assert_allclose(plane, [0.0, 0.0, 1.0, 0.0], atol=1e-3)
+    lifted = body + [0.0, 0.0, 0.2]
+    assert support_plane(table, lifted, p_WC, 0.005) is None
+    # Expected 25 mm too low, as after a sudden step, the table is found by that of the last image.
+    low = body - [0.0, 0.0, 0.025]
+    assert support_plane(table, low, p_WC, 0.005) is None
+    found = support_plane(table, low, p_WC, 0.005, [np.array([0.0, 0.0, 1.0, 0.01])])
+    np.testing.assert_allclose(found, [0.0, 0.0, 1.0, 0.0], atol=1e-3)

@@ -1,0 +1,53 @@
+"""Color of an object against that of its surroundings, as two histograms.
+
+Swain and Ballard, "Color indexing", 1991, with the histogram of the background in the ratio.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.arrays import Array, Frozen, Mask
+
+#: Bits of each channel that make a bin. Source: guessed.
+_BITS = 3
+#: Pixels that every bin has beforehand, of either kind: colors that were not seen say nothing.
+#: Source: guessed.
+_PRIOR = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class ColorHistogram(Frozen):
+    """How probable it is that a color is the object's, where both kinds are as frequent.
+
+    Attributes:
+        probability: By bin, shape (8 ** 3,).
+    """
+
+    probability: Array
+
+    @classmethod
+    def learnt(cls, color: NDArray[np.uint8], of_object: Mask, beside: Mask) -> ColorHistogram:
+        """The histograms of an image.
+
+        Args:
+            color: Shape (h, w, 3).
+            of_object: Pixels of the object, shape (h, w).
+            beside: Pixels of something else.
+        """
+        bins, number = _bins(color), 2 ** (3 * _BITS)
+        on, off = (np.bincount(bins[mask], minlength=number) for mask in (of_object, beside))
+        scale = max(float(on.sum()), 1.0) / max(float(off.sum()), 1.0)
+        return cls((on + _PRIOR) / (on + scale * off + 2.0 * _PRIOR))
+
+    def of(self, color: NDArray[np.uint8]) -> Array:
+        """The probability of each pixel of an image (h, w, 3), shape (h, w)."""
+        return np.asarray(self.probability[_bins(color)])
+
+
+def _bins(color: NDArray[np.uint8]) -> NDArray[np.int64]:
+    high = (color >> (8 - _BITS)).astype(np.int64)
+    return (high[..., 0] << 2 * _BITS) | (high[..., 1] << _BITS) | high[..., 2]
