@@ -53,8 +53,8 @@ def test_collisions_of_another_arm_are_those_of_its_capsules(name):
 
 
 def test_joint_positions_at_the_start_are_those_of_the_arm():
-    scenario = fg.load_scenario("ReachLinearMocap")
-    assert len(scenario.start) == 7
-    scenario.arm, scenario.q_start = "ur5e", [0.0] * 7
-    with pytest.raises(ScenarioError, match="q_start has 7 entries"):
-        fg.make_dynamic_grasp(scenario)
+    for name in OTHERS:
+        scenario = fg.load_scenario("ReachLinearMocap", f"{{arm: {name}}}")
+        np.testing.assert_array_equal(scenario.start, load_arm(name).home)
+    with pytest.raises(ScenarioError, match="q_start has 7 entries; .* 6"):
+        fg.load_scenario("ReachLinearMocap", "{arm: ur5e, q_start: [0, 0, 0, 0, 0, 0, 0]}")
