@@ -141,7 +141,7 @@ def test_no_module_imports_itself_in_a_circle():
 
 
 def test_the_safety_filter_depends_on_few_files():
-    """Who certifies the arm reads these: at most 19 files, and none about fields or grasps."""
+    """Who certifies the arm reads these: at most 20 files, and none about fields or grasps."""
     names = {module_name(path): path for path in MODULES if path.name != "__init__.py"}
     found, left = set(), [m for m in names if m.startswith("feasigrasp.models.control.safety")]
     while left:
@@ -149,7 +149,7 @@ def test_the_safety_filter_depends_on_few_files():
             found.add(name)
             imported = imported_names(names[name])
             left += [m for n in imported for m in (n, n.rpartition(".")[0]) if m in names]
-    assert len(found) <= 19, sorted(found)
+    assert len(found) <= 20, sorted(found)
     assert not [name for name in found if name.startswith("feasigrasp.models.shape")]
 
 

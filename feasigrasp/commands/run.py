@@ -19,6 +19,7 @@ import yaml
 from feasigrasp.commands.warm_up import compile_in_advance
 from feasigrasp.errors import FeasigraspError, OutputError
 from feasigrasp.models.choices import controller_names, mode_names
+from feasigrasp.models.robot.arm_file import arm_names
 from feasigrasp.outputs import check_outputs, replacing, write_json, write_text
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.console import StatusLine, summary
@@ -136,6 +137,9 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
         choices=modes,
         help=f"Mode of the controller: 'safe' enforces limits and clearances. {_OF_SCENARIO}",
     )
+    parser.add_argument(
+        "--arm", help=f"One of {', '.join(arm_names())}, or the file of an arm. {_OF_SCENARIO}"
+    )
     parser.add_argument("--object", help=f"Built-in object, or a mesh file. {_OF_SCENARIO}")
     parser.add_argument("--seed", type=int, help=f"Random seed. {_OF_SCENARIO}")
     parser.add_argument(
@@ -225,7 +229,7 @@ def load(args: argparse.Namespace, *, on_hardware: bool = False) -> tuple[str, S
     chosen = {
         "control": _given(controller=args.controller, mode=args.mode, speed=args.speed),
         "object": _given(model=args.object),
-        **_given(random_seed=args.seed, simulation_duration=args.duration),
+        **_given(arm=args.arm, random_seed=args.seed, simulation_duration=args.duration),
     }
     changes = {key: value for key, value in chosen.items() if value != {}}
     options = yaml.safe_dump(changes, default_flow_style=True) if changes else None

@@ -16,6 +16,7 @@ from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import load_gripper
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.plugins import plugins
@@ -53,6 +54,7 @@ def check_scenario(scenario: Scenario) -> None:
         # Each fault has a table of its own; a part checks its own options.
         if path[0] not in ("faults", "parts"):
             _check_number(path, index, value, span)
+    _check_arm(scenario)
     _check_gripper(scenario)
     _check_cell(scenario)
     check_parts(scenario.parts)
@@ -69,6 +71,26 @@ def check_scenario(scenario: Scenario) -> None:
     for name, drawn in ranges.items():
         if not isinstance(drawn, float | int) and drawn.min > drawn.max:
             raise ScenarioError(f"{name} has min {drawn.min} above max {drawn.max}; swap them")
+
+
+def _check_arm(scenario: Scenario) -> None:
+    control, method = scenario.control, scenario.reachability.method
+    general = control.safe and control.controller in [*ControlSpace] and method == EXACT
+    if load_arm(scenario.arm) is not IIWA_7 and not general:
+        raise ScenarioError(
+            f"arm is {scenario.arm}, but this mode, controller or method is made for the iiwa 7; "
+            "give control: {mode: safe, controller: task} and reachability: {method: ik}"
+        )
+
+
+def check_driver(scenario: Scenario) -> None:
+    """Refuses an arm whose driver's messages are not those that are sent and read.
+
+    Raises:
+        ScenarioError: It is another one than the iiwa.
+    """
+    if load_arm(scenario.arm) is not IIWA_7:
+        raise ScenarioError(f"arm is {scenario.arm}; only the iiwa's driver is spoken to so far")
 
 
 def _check_gripper(scenario: Scenario) -> None:

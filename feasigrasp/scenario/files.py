@@ -15,6 +15,7 @@ from feasigrasp.errors import MeshError, ScenarioError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.choices import SAFE, mode_names, nearest
 from feasigrasp.models.objects.rigid_object import builtin_objects, object_file
+from feasigrasp.models.robot.arm_file import arm_names
 from feasigrasp.models.robot.gripper import GRIPPERS
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
@@ -43,6 +44,8 @@ def with_paths_from(folder: Path, scenario: Scenario) -> Scenario:
     for name, mesh in scenario.cell.meshes.items():
         if mesh.file:
             mesh.file = str(_existing(folder, mesh.file, f"cell.meshes.{name}.file"))
+    if scenario.arm not in arm_names() and (folder / scenario.arm).is_file():
+        scenario.arm = str(folder / scenario.arm)
     if scenario.gripper not in GRIPPERS and (folder / scenario.gripper).is_file():
         scenario.gripper = str(folder / scenario.gripper)
     for body in (scenario.object, scenario.distractor):

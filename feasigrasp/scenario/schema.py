@@ -327,7 +327,7 @@ class Scenario:
         directives: The robot cell; see ``models/iiwa/cell.dmd.yaml``. Paths start at the scenario's
             file, here and in every other key.
         cell: Table height, clearance to the table, and obstacles.
-        arm: The arm: ``iiwa7``. Its model takes the place of the iiwa in the directives.
+        arm: ``iiwa7``, ``panda``, ``ur5e``, ``xarm7``, or a file of ``feasigrasp arm``.
         gripper: The hand: ``EZGripper``, ``WSG_50``, or a YAML file with attributes of
             `ParallelGripper`; its model is made of them.
         cameras: Cameras by name.

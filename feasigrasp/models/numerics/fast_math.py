@@ -212,13 +212,6 @@ def fast_sincos(x: float) -> tuple[float, float]:
     return sine, cosine
 
 
-@compiled
-def sincos_kernel(x, sine, cosine):
-    """Writes the sines and cosines of an array (n,)."""
-    for i in range(len(x)):
-        sine[i], cosine[i] = fast_sincos(x[i])
-
-
 @compiled(forceinline=True)
 def fast_atan2(y: float, x: float) -> float:
     """``atan2(y, x)`` for finite arguments, within 1e-15; in (-pi, pi], 0 at the origin.

@@ -226,6 +226,7 @@ def find_interceptions(
         ReachabilityError: An argument of another type or shape, or a pose that is none.
     """
     n, times = len(X_OG), options.times(now.time)
+    reachability.arm.positions(now.q, 1)
     found = Interceptions(
         np.full(n, np.inf),
         np.full(n, np.inf),

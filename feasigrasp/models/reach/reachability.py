@@ -133,13 +133,13 @@ class Reachability(Frozen):
         """
         X_WF = self.flange(X_WG)
         found, times = np.full((len(X_WF), self.arm.joints), np.nan), np.empty(len(X_WF))
-        nearest_batch_kernel(X_WF, np.asarray(q), self.search, found, times)
+        nearest_batch_kernel(X_WF, self.arm.positions(q, 1), self.search, found, times)
         return found, times
 
     @checked(ReachabilityError)
     def admissible(self, q: Annotated[ArrayLike, JOINTS]) -> Mask:
         """Mask of configurations (n, 7) inside the limits and without collision."""
-        Q = np.asarray(q).reshape(-1, self.arm.joints)
+        Q = self.arm.positions(q).reshape(-1, self.arm.joints)
         out = np.empty(len(Q), dtype=np.bool_)
         admissible_batch_kernel(Q, self.search, out)
         return out

@@ -20,16 +20,14 @@ from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.quantities import JOINTS, POSE, ArrayOf, Whole
 
 #: Columns of a joint's row in `Arm.chain`: its axis (0 x, 1 y, 2 z) and the sign of it, the way
-#: from the link before, and its limits. Source: layout.
-AXIS, SIGN, OFFSET = 0, 1, 2
-LOWER, UPPER, VELOCITY, ACCELERATION, EFFORT = 5, 6, 7, 8, 9
-#: The acceleration that may be commanded, and the margin of position. Source: layout.
-COMMANDED, MARGIN = 10, 11
-#: The point on the axis. Source: layout.
-POINT = 12
-#: Columns of the last row, the flange's: way from the last link, rotation and place at q = 0, its
-#: `Family`, and the lengths or points that inverse kinematics needs. Source: layout.
-ROTATION, PLACE, FAMILY, GEOMETRY, COLUMNS = 5, 14, 17, 18, 24
+#: from the link before (3), its limits, the acceleration that may be commanded, the margin of
+#: position, and a point on the axis (3).
+AXIS, SIGN, OFFSET, *_rest = range(24)
+LOWER, UPPER, VELOCITY, ACCELERATION, EFFORT, COMMANDED, MARGIN, POINT, *_others = _rest[2:]
+#: Columns of the last row, the flange's: after the way from the last link its rotation (9) and
+#: place (3) at q = 0, its `Family`, and the lengths or points that inverse kinematics needs (6).
+ROTATION = LOWER
+PLACE, FAMILY, GEOMETRY = (ROTATION + k for k in (9, 12, 13))
 #: Axes that come this near meet [m]: digits of model files. Source: numerical.
 MEETING_TOLERANCE = 1e-5
 
@@ -144,7 +142,7 @@ class Arm(Frozen):
 
     def _laid_out(self) -> Array:
         n = self.joints
-        chain = np.zeros((n + 1, COLUMNS))
+        chain = np.zeros((n + 1, 24))
         joints, flange = chain[:n], chain[n]
         joints[:, AXIS] = np.abs(self.axes).argmax(axis=1)
         joints[:, SIGN] = self.axes.sum(axis=1)

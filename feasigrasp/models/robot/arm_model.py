@@ -1,4 +1,4 @@
-"""Generated simulation model of an arm: its capsules are what is seen of it, and what collides."""
+"""Generated simulation model of an arm: its capsules are shown, and collide."""
 
 from __future__ import annotations
 

@@ -109,11 +109,6 @@ def hand_points(gripper: ParallelGripper | None = None, arm: Arm = IIWA_7) -> Ar
     return gripper.skin_points(gripper.max_opening) @ X_LG[:3, :3].T + X_LG[:3, 3]
 
 
-def body_names(arm: Arm = IIWA_7) -> tuple[str, ...]:
-    """Rigid bodies that carry capsules: the links, and those of the hand on the last one."""
-    return *arm.link_names, *HAND_NAMES
-
-
 def body_pairs_of(
     gripper: ParallelGripper | None = None, arm: Arm = IIWA_7
 ) -> Sequence[tuple[int, int]]:

@@ -7,7 +7,6 @@ from itertools import product
 
 import numpy as np
 
-from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.arm import Arm, Capsule, DriverLimits, Family
 
 #: Limits of joint positions [deg] and velocities [rad/s]. Source: data sheet: KUKA LBR iiwa 7 R800.
@@ -79,7 +78,7 @@ IIWA_7 = Arm(
     name="iiwa",
     points=np.outer([0.15, 0.34, 0.55, 0.74, 0.95, 1.14, 1.221], [0.0, 0.0, 1.0]),
     axes=np.array([[0, 0, 1], [0, 1, 0], [0, 0, 1], [0, -1, 0], [0, 0, 1], [0, 1, 0], [0, 0, 1.0]]),
-    X_WF=se3.make_pose(np.eye(3), np.array([0.0, 0.0, 1.266])),
+    X_WF=np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1.266], [0, 0, 0, 1.0]]),
     lower=-np.deg2rad(_POSITION_DEG),
     upper=np.deg2rad(_POSITION_DEG),
     velocity_limits=_VELOCITY,

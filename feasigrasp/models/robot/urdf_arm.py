@@ -114,7 +114,7 @@ def describe_urdf(file: Path, flange: str) -> dict[str, Any]:
     Gains, rotor inertias, home and pairs are left to `feasigrasp.commands.arm`.
 
     Raises:
-        ArgumentError: There is no such flange, or the arm is none that this package knows.
+        ArgumentError: There is no such flange, or the arm is of no `Family`.
     """
     robot = ET.parse(file).getroot()
     links = {link.get("name", ""): link for link in robot.findall("link")}

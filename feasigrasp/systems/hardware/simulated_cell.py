@@ -45,6 +45,7 @@ from feasigrasp.models.grasps.sequence import (
 )
 from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.scenario.checks import check_driver
 from feasigrasp.scenario.sampling import make_hand_eye
 from feasigrasp.scenario.schema import Scenario, Segmentation
 from feasigrasp.systems.from_scenario import make_station
@@ -198,6 +199,7 @@ def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
     grasps in the samples. A camera that has a hand-eye error stands off the place at which the
     scenario, and so the controller, has it.
     """
+    check_driver(scenario)
     scenario = _with_true_mounts(scenario)
     builder = DiagramBuilder()
     station = builder.AddNamedSystem("station", make_station(scenario))

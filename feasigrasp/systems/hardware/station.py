@@ -32,6 +32,7 @@ from pydrake.systems.sensors import CameraConfig, PixelType
 
 from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.scenario.checks import check_driver
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import station_config
 from feasigrasp.systems.hardware import channels
@@ -94,9 +95,11 @@ class HardwareStation(Diagram):
             outbox: Where they go to.
 
         Raises:
-            ScenarioError: A camera is mounted neither on the arm nor in the world.
+            ScenarioError: A camera is mounted neither on the arm nor in the world, or the arm is
+                no iiwa.
         """
         super().__init__()
+        check_driver(scenario)
         builder = DiagramBuilder()
         self.plant = MultibodyPlant(scenario.plant_config.time_step)
         add_cell(self.plant, station_config(scenario))

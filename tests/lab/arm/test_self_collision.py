@@ -14,7 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 from feasigrasp.models.robot.capsules import (
-    body_names,
+    HAND_NAMES,
     capsule_model,
     hand_capsules,
 )
@@ -27,7 +27,7 @@ from feasigrasp_lab.arm import self_collision as sc
 from feasigrasp_lab.arm.self_collision import in_collision_kernel
 from tests.truths import table_distances
 
-BODY_NAMES = body_names()
+BODY_NAMES = (*IIWA_7.link_names, *HAND_NAMES)
 BODY_LINK = np.minimum(np.arange(len(BODY_NAMES)), IIWA_7.joints)
 CAPSULES = IIWA_7.capsules + hand_capsules()
 BODY = np.array([capsule.body for capsule in CAPSULES])

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from numba import njit
 
-from feasigrasp.models.numerics.fast_math import fast_sincos, sincos_kernel
+from feasigrasp.models.compiled import compiled
+from feasigrasp.models.numerics.fast_math import fast_sincos
+
+
+@compiled
+def sincos_kernel(x, sine, cosine):
+    for i in range(len(x)):
+        sine[i], cosine[i] = fast_sincos(x[i])
 
 
 def sincos(x):

@@ -53,8 +53,18 @@ def test_collisions_of_another_arm_are_those_of_its_capsules(name):
 
 
 def test_joint_positions_at_the_start_are_those_of_the_arm():
-    scenario = fg.load_scenario("ReachLinearMocap")
-    assert len(scenario.start) == 7
-    scenario.arm, scenario.q_start = "ur5e", [0.0] * 7
-    with pytest.raises(ScenarioError, match="q_start has 7 entries"):
-        fg.make_dynamic_grasp(scenario)
+    for name in OTHERS:
+        scenario = fg.load_scenario("ReachLinearMocap", f"{{arm: {name}}}")
+        np.testing.assert_array_equal(scenario.start, load_arm(name).home)
+    with pytest.raises(ScenarioError, match="q_start has 7 entries; .* 6"):
+        fg.load_scenario("ReachLinearMocap", "{arm: ur5e, q_start: [0, 0, 0, 0, 0, 0, 0]}")
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_another_arm_follows_grasps_and_holds(name):
+    scenario = fg.load_scenario("ReachLinearMocap", f"{{arm: {name}, random_seed: 1}}")
+    result = fg.run(scenario, log=False)
+    assert result.held
+    for what in ("joint_limit", "velocity_limit", "acceleration_limit"):
+        assert result.metrics[f"{what}_violation_percent"] == 0.0
+    assert result.metrics["self_collision_percent"] == 0.0

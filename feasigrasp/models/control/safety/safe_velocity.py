@@ -53,7 +53,7 @@ from feasigrasp.models.quantities import (
     TWIST,
     PositiveShare,
 )
-from feasigrasp.models.robot.arm import Arm
+from feasigrasp.models.robot.arm import Arm, Family
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model, hand_points
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -218,7 +218,9 @@ class SafetyFilter(Frozen):
         """
         bodies: dict[str, Any] = {"qd_last": qd_last, "obstacles": obstacles, "moving": moving}
         matrix, vector, n_hard = self.problem(q, qd_preferred, J, V, **bodies)
-        if (bent := bending_velocity(q, qd_preferred, V)) is not qd_preferred:
+        srs = self.options.arm.family == Family.SRS
+        bent = bending_velocity(q, qd_preferred, V) if srs else qd_preferred
+        if bent is not qd_preferred:
             matrix, vector, n_hard = self.problem(q, bent, J, V, **bodies)
         if len(matrix) == 0:
             last = _NONE if qd_last is None else np.ascontiguousarray(qd_last, dtype=float)
@@ -305,7 +307,7 @@ def _kept_off_an_object(gripper: ParallelGripper | None, arm: Arm) -> Array:
 
 
 def bending_velocity(q: Array, qd_preferred: Array, V: Array | None) -> Array:
-    """The preferred velocity; that which bends the elbow where a straight arm has to draw back.
+    """The preferred velocity; that which bends a straight S-R-S arm's elbow to draw back.
 
     In that singularity no joint velocity draws the hand towards the shoulder to first order, so
     that the QP would stand still. Redundant joints bend the elbow without moving the hand.
