@@ -295,7 +295,7 @@ def test_every_import_is_a_declared_dependency(repository):
     # What runs on a cluster or compares with peers may need more; it says
     # what to install.
     extra = project["optional-dependencies"]
-    optional = ("cluster", "peers", "realsense")
+    optional = ("cluster", "exr", "peers", "realsense")
     entries = [*project["dependencies"], *(entry for name in optional for entry in extra[name])]
     declared = {re.split(r"[<>=\[ ]", entry)[0] for entry in entries}
     module_of = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}

@@ -41,12 +41,14 @@ _HOME, _APPROACH, _REACH = np.array([0.22, 0.0, 0.73]), np.array([0.82, 0.0, -0.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument("urdf", type=Path, help="model of the arm")
-    parser.add_argument("--flange", required=True, help="link on which the hand is mounted")
-    parser.add_argument("--out", dest="file", type=Path, required=True, help="file to write")
-    parser.add_argument("--name", help="of the arm; by default that of the file to write")
+    parser.add_argument("urdf", type=Path, help="URDF of the arm.")
+    parser.add_argument("--flange", required=True, help="Link that the hand is mounted on.")
     parser.add_argument(
-        "--acceleration", type=float, nargs="+", help="limits [rad/s^2], one per joint"
+        "--out", dest="file", type=Path, required=True, help="Write the arm to this file."
+    )
+    parser.add_argument("--name", help="Name of the arm. Default: that of the file to write.")
+    parser.add_argument(
+        "--acceleration", type=float, nargs="+", help="Acceleration limits [rad/s^2], one per joint."
     )
 
 

@@ -24,7 +24,7 @@ from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.color_histogram import ColorHistogram
 from feasigrasp.models.segmentation.components import find_components
 from feasigrasp.models.segmentation.foreground import Known, Label, segment
-from feasigrasp.models.segmentation.modeled_bodies import CELL, FREE, SIGMAS, UNOBSERVED
+from feasigrasp.models.segmentation.modeled_bodies import SIGMAS, Kind
 from feasigrasp.models.segmentation.tabletop import support_plane, table_plane
 from feasigrasp.models.tracking.sequence import SequenceTracker
 from feasigrasp.models.tracking.tracker import FIRST_POINTS
@@ -34,7 +34,8 @@ from feasigrasp.models.tracking.view import ObjectView
 #: the second, pixel by pixel, is not. Source: guessed.
 _OF_COLOR, _OF_OTHER_COLOR = 0.5, 0.1
 #: What is no higher above the plane is of it [m]: where a body stands, cameras smear from one to
-#: the other without a jump. Source: chosen on a real cube: with 5 mm the desk is learnt as a foot.
+#: the other without a jump. Source: measured: with 5 mm the desk below a real cube becomes part of
+#: it.
 _FOOT = 0.01
 
 
@@ -139,7 +140,7 @@ class UnaidedTracker(Frozen):
         if mask is None:
             chosen = now._object(CameraView(points, X_WC), kinds, expected, color)
         else:
-            chosen = mask & (kinds != CELL).reshape(depth.shape)
+            chosen = mask & (kinds != Kind.CELL).reshape(depth.shape)
         seen = seen.reshape(depth.shape)
         used = chosen & seen & ~smeared_pixels(depth, self.camera)
         used &= ~edge_pixels(points.T.reshape(3, *depth.shape), seen, chosen, EDGE_JUMP)
@@ -216,12 +217,12 @@ class UnaidedTracker(Frozen):
         return inside
 
     def _kinds(self, points: Array, seen: Mask, X_WC: Array) -> NDArray[np.uint8]:
-        kinds = np.where(seen, FREE, UNOBSERVED).astype(np.uint8)
+        kinds = np.where(seen, Kind.FREE, Kind.UNOBSERVED).astype(np.uint8)
         if self.plane is not None:
             height = points @ self.plane[:3] + self.plane[3]
             z = (points - X_WC[:3, 3]) @ X_WC[:3, 2]
             margin = _FOOT + SIGMAS * self.camera.depth_noise * z**2
-            kinds[seen & ~(height > margin)] = CELL
+            kinds[seen & ~(height > margin)] = Kind.CELL
         return kinds
 
     def _object(
@@ -234,7 +235,7 @@ class UnaidedTracker(Frozen):
         """The pixels of the object in an image."""
         likely = None if self.colors is None or color is None else self.colors.of(color)
         if expected is None and self.box is not None:
-            inside = np.where(self._in_box().ravel() | (kinds == UNOBSERVED), kinds, CELL)
+            inside = np.where(self._in_box().ravel() | (kinds == Kind.UNOBSERVED), kinds, Kind.CELL)
             bounded = self._labelled(view, Known(box=self.box), inside)
             # A box that shows less than a first view needs points to an object.
             if np.count_nonzero(bounded) >= FIRST_POINTS:
@@ -260,7 +261,7 @@ class UnaidedTracker(Frozen):
         gpdf = self.tracker.shape.gpdf
         if gpdf is None or likely is None:
             return None
-        free = (kinds == FREE) & (likely.ravel() >= _OF_OTHER_COLOR)
+        free = (kinds == Kind.FREE) & (likely.ravel() >= _OF_OTHER_COLOR)
         parts = find_components(view.points, free, view.X_WC[:3, 3], self.camera)
         size = float(np.linalg.norm(np.ptp(gpdf.points, axis=0)))
         best, chosen = 0.0, None

@@ -90,7 +90,7 @@ def check_driver(scenario: Scenario) -> None:
         ScenarioError: It is another one than the iiwa.
     """
     if load_arm(scenario.arm) is not IIWA_7:
-        raise ScenarioError(f"arm is {scenario.arm}; only the iiwa's driver is spoken to so far")
+        raise ScenarioError(f"arm is {scenario.arm}; on hardware only the iiwa's driver is served")
 
 
 def _check_gripper(scenario: Scenario) -> None:

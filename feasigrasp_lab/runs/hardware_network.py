@@ -19,7 +19,7 @@ from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.priority import DRIVER, real_time
+from feasigrasp.systems.hardware.priority import Priority, real_time
 
 #: How late messages are, that are late, at most [s]. Source: definition.
 LATE = 0.03
@@ -174,7 +174,7 @@ def main(one: str, other: str, fault: str, seed: str) -> None:
 
     signal.signal(_BEGIN, begin)
     print("ready", flush=True)
-    with real_time(DRIVER):
+    with real_time(Priority.DRIVER):
         while os.getppid() == owner:
             relay.step()
 

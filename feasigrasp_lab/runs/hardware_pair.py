@@ -134,7 +134,7 @@ def _start(*words: str, output: Any) -> subprocess.Popen[bytes]:
 
 def _watch(
     sim: subprocess.Popen[bytes],
-    struck: subprocess.Popen[bytes],
+    target: subprocess.Popen[bytes],
     url: str,
     relay: RelayProcess | None,
     fault: str,
@@ -159,21 +159,21 @@ def _watch(
             if relay is not None:
                 relay.begin()
             else:
-                _strike(struck, ProcessFault(fault), number)
-        if struck.poll() not in (None, 0) and times.first == math.inf:
+                _strike(target, ProcessFault(fault), number)
+        if target.poll() not in (None, 0) and times.first == math.inf:
             return  # it has never begun: the simulation would wait for ever
     del subscriptions
 
 
-def _strike(struck: subprocess.Popen[bytes], process_fault: ProcessFault, number: int) -> None:
-    if struck.poll() is not None:
+def _strike(target: subprocess.Popen[bytes], process_fault: ProcessFault, number: int) -> None:
+    if target.poll() is not None:
         return
     with suppress(ProcessLookupError, psutil.NoSuchProcess):
-        pids = workers_of(struck.pid) if process_fault.at_worker else [struck.pid]
+        pids = workers_of(target.pid) if process_fault.at_worker else [target.pid]
         os.kill(pids[number % len(pids)], process_fault.signal)
         if process_fault is ProcessFault.STOP_GUARD:
             time.sleep(LOST)
-            struck.send_signal(signal.SIGCONT)
+            target.send_signal(signal.SIGCONT)
 
 
 def workers_of(pid: int) -> list[int]:

@@ -29,14 +29,7 @@ from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.components import Components, find_components
-from feasigrasp.models.segmentation.modeled_bodies import (
-    CARRIER,
-    CELL,
-    FREE,
-    ROBOT,
-    SIGMAS,
-    UNOBSERVED,
-)
+from feasigrasp.models.segmentation.modeled_bodies import SIGMAS, Kind
 
 
 class DistanceField(Protocol):
@@ -223,7 +216,7 @@ def segment(
         A `Label` for each pixel, shape (height, width). Pixels without depth amid the object count
         as the object's.
     """
-    free = kinds == FREE
+    free = kinds == Kind.FREE
     where = np.flatnonzero(free)
     # Farther from the hand than this is nothing to be grasped now [m].
     within = 1.0
@@ -232,9 +225,9 @@ def segment(
     components = find_components(view.points, free, view.X_WC[:3, 3], camera)
 
     labels = np.full(len(kinds), Label.UNCLEAR, dtype=np.int16)
-    labels[(kinds == CELL) | (kinds == UNOBSERVED)] = Label.SURROUNDINGS
-    labels[kinds == ROBOT] = Label.ROBOT
-    labels[kinds == CARRIER] = Label.CARRIER
+    labels[(kinds == Kind.CELL) | (kinds == Kind.UNOBSERVED)] = Label.SURROUNDINGS
+    labels[kinds == Kind.ROBOT] = Label.ROBOT
+    labels[kinds == Kind.CARRIER] = Label.CARRIER
     graspable = components.graspable()
     labels[(components.number >= 0) & ~components.mask(graspable)] = Label.SURROUNDINGS
     followed = _followed(components, view, known)
@@ -246,7 +239,7 @@ def segment(
         if found.any():  # with the object found, the rest is none
             labels[components.number >= 0] = Label.SURROUNDINGS
     image = labels.reshape(camera.height, camera.width)
-    image[_closed(found.reshape(image.shape), (kinds == UNOBSERVED).reshape(image.shape))] = (
+    image[_closed(found.reshape(image.shape), (kinds == Kind.UNOBSERVED).reshape(image.shape))] = (
         Label.OBJECT
     )
     return image

@@ -7,6 +7,7 @@ it lies in it, or no farther from it than `MARGIN` and what the camera's noise e
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -46,8 +47,16 @@ def in_color_gate(color: NDArray[np.uint8], hue_deg: float) -> Mask:
     return np.asarray((off < 20.0) & vivid & (value > least_value))
 
 
-#: Kinds of pixels; `ModeledBodies` gives all but the last one. Source: layout.
-UNOBSERVED, FREE, ROBOT, CELL, CARRIER = 0, 1, 2, 3, 4
+class Kind(IntEnum):
+    """Kinds of pixels; `ModeledBodies` gives all but the last one."""
+
+    UNOBSERVED = 0
+    FREE = 1
+    ROBOT = 2
+    CELL = 3
+    CARRIER = 4
+
+
 #: Largest error of the modeled poses of bodies [m]. Source: guessed.
 MARGIN = 0.005
 #: Number of standard deviations of a depth that is noise. Source: guessed.
@@ -168,7 +177,7 @@ def _kinds(points, X_WC, spread, arm, hand, cell, kinds):
     for i in range(len(points)):
         x, y, z = float(points[i, 0]), float(points[i, 1]), float(points[i, 2])
         if not np.isfinite(x + y + z):
-            kinds[i] = UNOBSERVED
+            kinds[i] = Kind.UNOBSERVED
             continue
         depth = (
             (x - X_WC[0, 3]) * X_WC[0, 2]
@@ -177,11 +186,11 @@ def _kinds(points, X_WC, spread, arm, hand, cell, kinds):
         )
         margin = MARGIN + spread * depth * depth
         if _in_boxes(x, y, z, cell, margin):  # most pixels show the table
-            kinds[i] = CELL
+            kinds[i] = Kind.CELL
         elif _in_boxes(x, y, z, hand, margin) or _in_capsules(x, y, z, lines, arm, margin):
-            kinds[i] = ROBOT
+            kinds[i] = Kind.ROBOT
         else:
-            kinds[i] = FREE
+            kinds[i] = Kind.FREE
 
 
 @compiled(nogil=True)

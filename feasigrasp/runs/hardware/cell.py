@@ -22,7 +22,7 @@ from feasigrasp.runs.results.interrupts import postponed_interrupt
 from feasigrasp.runs.run import INTERRUPTED, crash_record, measured, timings_of
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.priority import DRIVER, real_time
+from feasigrasp.systems.hardware.priority import Priority, real_time
 from feasigrasp.systems.hardware.simulated_cell import make_simulated_cell
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
 
@@ -129,7 +129,7 @@ def simulate_cell(
         lcm = channels.open_lcm(lcm_url)
         received = ReceivedCommands(lcm, lambda: simulator.get_context().get_time())
         # The simulation may be slow, but a driver receives its commands.
-        with real_time(DRIVER, main=False):
+        with real_time(Priority.DRIVER, main=False):
             diagram = make_simulated_cell(scenario, lcm)
             simulator = Simulator(diagram)
             ApplySimulatorConfig(scenario.simulator_config, simulator)

@@ -24,7 +24,7 @@ from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels, guard
 from feasigrasp.systems.hardware.control_loop import ControlLoop
 from feasigrasp.systems.hardware.guarded_cell import GuardedCell, make_guarded_cell
-from feasigrasp.systems.hardware.priority import CONTROL, real_time
+from feasigrasp.systems.hardware.priority import Priority, real_time
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 from feasigrasp.systems.monitoring.run_log import add_run_log, read_run_log
 from feasigrasp.systems.remote.remote_stage import end_processes
@@ -89,7 +89,7 @@ def run_hardware(
             if watch is not None:
                 watch.wait_until_it_serves()
             loop.step(WAIT_FOR_DRIVER)
-            with real_time(CONTROL):
+            with real_time(Priority.CONTROL):
                 while not interrupted.is_set() and not _is_over(loop, scenario):
                     loop.step(SILENCE)
                     if watch is not None:

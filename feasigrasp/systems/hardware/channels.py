@@ -7,6 +7,7 @@ time stamps are microseconds of one clock, that of the computer that the drivers
 
 import weakref
 from collections.abc import Callable
+from enum import IntEnum
 from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
@@ -38,8 +39,13 @@ OBJECT_POSE = "FEASIGRASP_OBJECT_POSE"
 IIWA_PERIOD, WSG_PERIOD = kIiwaLcmStatusPeriod, 0.05
 #: The order in which a pose is sent, that of Drake's floating joints.
 POSE_NAMES = ["qw", "qx", "qy", "qz", "x", "y", "z"]
-#: Labels of a mask: everything else is 0. Source: layout.
-OBJECT_LABEL, ROBOT_LABEL = 1, 2
+
+
+class MaskLabel(IntEnum):
+    """Labels of a mask: everything else is 0."""
+
+    OBJECT = 1
+    ROBOT = 2
 
 
 def image_channel(camera: str) -> str:

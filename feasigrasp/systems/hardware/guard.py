@@ -20,7 +20,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.decode import decode
 from feasigrasp.systems.hardware.guarded_cell import GuardedCell
-from feasigrasp.systems.hardware.priority import DRIVER, real_time
+from feasigrasp.systems.hardware.priority import Priority, real_time
 
 #: For so long a guard listens whether there is another one [s]. Source: guessed.
 LISTENS = 0.1
@@ -209,7 +209,7 @@ def main(url: str, begun: Callable[[], None], cell: GuardedCell, *, alone: bool 
         signal.signal(number, guard.end)
     for name in ("SIGTTIN", "SIGTTOU") if alone else ("SIGTTIN", "SIGTTOU", "SIGINT"):
         signal.signal(getattr(signal, name), signal.SIG_IGN)
-    with real_time(DRIVER):
+    with real_time(Priority.DRIVER):
         begun()
         guard.serve()
 

@@ -186,6 +186,6 @@ class _Mask(LeafSystem):
     def _calc(self, context: Context) -> ImageLabel16I:
         labels = self._labels.Eval(context).data
         image = ImageLabel16I(*self._size)
-        image.mutable_data[:] = channels.ROBOT_LABEL * np.isin(labels, self._robot)
-        image.mutable_data[labels == self._label] = channels.OBJECT_LABEL
+        image.mutable_data[:] = channels.MaskLabel.ROBOT * np.isin(labels, self._robot)
+        image.mutable_data[labels == self._label] = channels.MaskLabel.OBJECT
         return image

@@ -5,16 +5,23 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from enum import IntEnum
 
 import psutil
 
-#: Priorities of real time, which come before all other work: a controller's, and that of whoever
-#: answers the arm's driver or carries messages. Source: layout.
-CONTROL, DRIVER = 1, 2
+
+class Priority(IntEnum):
+    """Priorities of real time, which come before all other work.
+
+    A controller's, and that of whoever answers the arm's driver or carries messages.
+    """
+
+    CONTROL = 1
+    DRIVER = 2
 
 
 @contextmanager
-def real_time(priority: int, *, main: bool = True) -> Iterator[None]:
+def real_time(priority: Priority, *, main: bool = True) -> Iterator[None]:
     """Context with real-time priority for the threads of this process.
 
     For those that there are: the one in which a message bus receives begins with the first
@@ -22,7 +29,7 @@ def real_time(priority: int, *, main: bool = True) -> Iterator[None]:
     Where it is not granted, nothing changes.
 
     Args:
-        priority: `CONTROL` or `DRIVER`.
+        priority: What is asked for.
         main: Whether the main thread is one of them.
     """
     threads = {thread.id for thread in psutil.Process().threads()}

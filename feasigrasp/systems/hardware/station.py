@@ -84,7 +84,7 @@ class HardwareStation(Diagram):
     """
 
     #: Labels of object and robot in masks.
-    object_label = channels.OBJECT_LABEL
+    object_label = channels.MaskLabel.OBJECT
 
     def __init__(self, scenario: Scenario, inbox: DrakeLcm, outbox: DrakeLcm) -> None:
         """The cell of a scenario, behind two message buses.
@@ -128,7 +128,7 @@ class HardwareStation(Diagram):
 
     def robot_and_object_labels(self) -> list[int]:
         """Labels that arm, gripper and object have in masks."""
-        return [channels.OBJECT_LABEL, channels.ROBOT_LABEL]
+        return [channels.MaskLabel.OBJECT, channels.MaskLabel.ROBOT]
 
     def _messages(
         self, builder: DiagramBuilder, channel: str, kind: type, *, native: bool

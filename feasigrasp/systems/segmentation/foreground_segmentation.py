@@ -15,12 +15,7 @@ from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.foreground import Known, segment
-from feasigrasp.models.segmentation.modeled_bodies import (
-    CARRIER,
-    FREE,
-    ModeledBodies,
-    in_color_gate,
-)
+from feasigrasp.models.segmentation.modeled_bodies import Kind, ModeledBodies, in_color_gate
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, evaluate
 
@@ -126,7 +121,7 @@ class ForegroundSegmentation(LeafSystem):
         kinds = self._bodies.kinds(view.points, view.X_WC, q, opening, camera.depth_noise)
         if self._carrier_hue is not None:
             on_carrier = in_color_gate(self._color.Eval(context).data, self._carrier_hue)
-            kinds[(kinds == FREE) & on_carrier] = CARRIER
+            kinds[(kinds == Kind.FREE) & on_carrier] = Kind.CARRIER
         labels = segment(view, known, kinds, self._bodies.hand(q), camera)
         image = ImageLabel16I(self._camera.width, self._camera.height)
         image.mutable_data[:, :, 0] = labels

@@ -16,7 +16,7 @@ from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.arrays import Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.segmentation.foreground import Label
-from feasigrasp.models.segmentation.modeled_bodies import ROBOT, UNOBSERVED, ModeledBodies
+from feasigrasp.models.segmentation.modeled_bodies import Kind, ModeledBodies
 from feasigrasp.systems.ports import declare_input, declare_output
 
 #: Which pixels show the object, shape (height, width): from the colours (height, width, 3) as
@@ -83,12 +83,12 @@ class MaskSegmentation(LeafSystem):
         X_WC = self._camera_pose.Eval(context).GetAsMatrix4()
         q, opening = self._position.Eval(context), float(self._gripper.Eval(context)[0])
         kinds = self._bodies.kinds(points, X_WC, q, opening, camera.depth_noise).reshape(shape)
-        seen = kinds != UNOBSERVED
+        seen = kinds != Kind.UNOBSERVED
         depth = np.full(shape, np.inf, dtype=np.float32)
         depth[seen] = (points[seen.ravel()] - X_WC[:3, 3]) @ X_WC[:3, 2]
         mask = checked_mask(self._mask(color, depth, context.get_time()), shape, self._mask)
         labels = np.where(mask, np.int16(Label.OBJECT), np.int16(Label.SURROUNDINGS))
-        labels[kinds == ROBOT] = Label.ROBOT
+        labels[kinds == Kind.ROBOT] = Label.ROBOT
         image = ImageLabel16I(camera.width, camera.height)
         image.mutable_data[:, :, 0] = labels
         return image

@@ -12,7 +12,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.components import MIN_PIXELS, find_components
 from feasigrasp.models.segmentation.foreground import Known, Label, segment
-from feasigrasp.models.segmentation.modeled_bodies import CARRIER, Boxes, ModeledBodies
+from feasigrasp.models.segmentation.modeled_bodies import Boxes, Kind, ModeledBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 WIDTH, HEIGHT, F = 160, 120, 130.0
@@ -139,7 +139,7 @@ def test_what_is_known_to_carry_a_ball_is_not_of_it():
     kinds = BODIES.kinds(image.points, image.X_WC, Q, 0.085, 0.0)
     both = segment(image, Known(), kinds, BODIES.hand(Q), CAMERA)
     np.testing.assert_array_equal(both == Label.OBJECT, shows > 0)
-    kinds[(shows == 2).ravel()] = CARRIER
+    kinds[(shows == 2).ravel()] = Kind.CARRIER
     found = segment(image, Known(), kinds, BODIES.hand(Q), CAMERA)
     np.testing.assert_array_equal(found == Label.OBJECT, shows == 1)
     np.testing.assert_array_equal(found == Label.CARRIER, shows == 2)

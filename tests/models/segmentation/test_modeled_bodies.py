@@ -8,12 +8,9 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.segmentation.modeled_bodies import (
-    CELL,
-    FREE,
     MARGIN,
-    ROBOT,
-    UNOBSERVED,
     Boxes,
+    Kind,
     ModeledBodies,
     hand_boxes,
 )
@@ -76,11 +73,11 @@ def test_points_in_the_hand_are_the_robots(station, opening):
     points = points @ X_WG[:3, :3].T + X_WG[:3, 3]
     found = kinds(ModeledBodies(GRIPPER), points, q, opening)
     hand = distances(station, points, q, opening)["hand"]
-    assert (found[hand < 0.0] == ROBOT).all()
+    assert (found[hand < 0.0] == Kind.ROBOT).all()
     assert np.count_nonzero(hand < 0.0) > 30
     # In between the pads there is room for an object.
     between = X_WG[:3, 3] + np.outer(np.linspace(-0.3, 0.3, 5) * opening, X_WG[:3, 0])
-    assert (kinds(ModeledBodies(GRIPPER), between, q, opening) == FREE).all()
+    assert (kinds(ModeledBodies(GRIPPER), between, q, opening) == Kind.FREE).all()
 
 
 def test_the_boxes_of_the_cell_are_those_of_its_geometry(station):
@@ -90,9 +87,11 @@ def test_the_boxes_of_the_cell_are_those_of_its_geometry(station):
     q = np.zeros(7)
     cell = distances(station, points, q, 0.05)["cell"]
     found = kinds(ModeledBodies(GRIPPER, cell_boxes(config)), points, q, 0.05)
-    np.testing.assert_array_equal(found[cell < MARGIN - 1e-6] == CELL, True)
+    np.testing.assert_array_equal(found[cell < MARGIN - 1e-6] == Kind.CELL, True)
     assert np.count_nonzero(cell < 0.0) > 20
-    assert not (found[cell > 1.8 * MARGIN] == CELL).any()  # a box's corner counts sqrt(3) as far
+    assert not (
+        found[cell > 1.8 * MARGIN] == Kind.CELL
+    ).any()  # corners count sqrt(3) times
 
 
 def test_points_on_the_links_are_the_robots():
@@ -101,7 +100,7 @@ def test_points_on_the_links_are_the_robots():
         q = IIWA_7.random_positions(rng, 1)[0]
         flange = forward_kinematics(q, np.eye(4))
         points = [[0.0, 0.0, 0.1], [0.0, 0.0, 0.34], flange[:3, 3] - 0.03 * flange[:3, 2]]
-        assert (kinds(ModeledBodies(GRIPPER), points, q, 0.05) == ROBOT).all()
+        assert (kinds(ModeledBodies(GRIPPER), points, q, 0.05) == Kind.ROBOT).all()
 
 
 def test_the_margin_grows_with_the_square_of_the_depth():
@@ -115,9 +114,9 @@ def test_the_margin_grows_with_the_square_of_the_depth():
     for noise in (0.0, 1e-3):
         reach = 0.1 + MARGIN + 3.0 * noise * depth**2
         points = [[3.0 + reach - 1e-4, 0.0, 0.0], [3.0 + reach + 1e-4, 0.0, 0.0]]
-        assert kinds(bodies, points, q, 0.05, noise).tolist() == [CELL, FREE]
+        assert kinds(bodies, points, q, 0.05, noise).tolist() == [Kind.CELL, Kind.FREE]
     nowhere = [[np.inf, np.inf, np.inf], [np.nan, 0.0, 0.0]]
-    assert kinds(bodies, nowhere, q, 0.05).tolist() == [UNOBSERVED, UNOBSERVED]
+    assert kinds(bodies, nowhere, q, 0.05).tolist() == [Kind.UNOBSERVED, Kind.UNOBSERVED]
 
 
 def test_the_fingers_move_with_the_opening():

@@ -21,7 +21,7 @@ from feasigrasp.errors import HardwareError
 from feasigrasp.runs.hardware.control import WAIT_FOR_GUARD, _Commands
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.guard import Guard, refuse_if_commanded
-from feasigrasp.systems.hardware.priority import CONTROL, real_time
+from feasigrasp.systems.hardware.priority import Priority, real_time
 
 RESET = getattr(os, "SCHED_RESET_ON_FORK", 0)
 URL = "udpm://239.255.76.68:7668?ttl=0"
@@ -86,7 +86,7 @@ def test_a_controller_has_priority_and_what_it_starts_has_none(main_thread):
     other.start()
     show = [sys.executable, "-c", "import os; print(os.sched_getscheduler(0) == os.SCHED_OTHER)"]
     before = urgent_threads(os.getpid())
-    with real_time(CONTROL, main=main_thread):
+    with real_time(Priority.CONTROL, main=main_thread):
         within = urgent_threads(os.getpid())
         there = len(list(Path("/proc/self/task").iterdir()))
         said.append(subprocess.run(show, capture_output=True, text=True, check=True).stdout)
@@ -110,11 +110,11 @@ def test_whoever_had_a_policy_has_it_again(monkeypatch):
     monkeypatch.setattr(os, "sched_getscheduler", lambda _: idle, raising=False)
     monkeypatch.setattr(os, "sched_getparam", lambda _: usual, raising=False)
     monkeypatch.setattr(os, "sched_setscheduler", set_policy, raising=False)
-    with real_time(CONTROL):
+    with real_time(Priority.CONTROL):
         assert asked == [os.SCHED_FIFO]
     assert asked == [os.SCHED_FIFO, idle]
     monkeypatch.delattr(os, "sched_getscheduler")  # as on macOS
-    with real_time(CONTROL):
+    with real_time(Priority.CONTROL):
         assert len(asked) == 2
 
 

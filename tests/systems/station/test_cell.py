@@ -7,7 +7,7 @@ from pydrake.systems.analysis import Simulator
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
-from feasigrasp.models.segmentation.modeled_bodies import CELL
+from feasigrasp.models.segmentation.modeled_bodies import Kind
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.from_scenario import (
@@ -69,7 +69,7 @@ def test_the_camera_sees_the_shelf_and_its_pixels_belong_to_the_cell():
     bodies = make_foreground_segmentation(setting, make_reachability(setting).gripper)._bodies
     X_WC = station.GetOutputPort("wrist_camera.pose").Eval(context).GetAsMatrix4()
     kinds = bodies.kinds(x, X_WC, setting.start, 0.1, 0.0)
-    assert np.all(kinds == CELL)
+    assert np.all(kinds == Kind.CELL)
 
 
 @pytest.mark.parametrize("height", [-0.3, -0.1, 0.08])
