@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--name", help="Name of the arm. Default: that of the file to write.")
     parser.add_argument(
-        "--acceleration", type=float, nargs="+", help="Acceleration limits [rad/s^2], one per joint."
+        "--acceleration", type=float, nargs="+", help="Limits of acceleration [rad/s^2]."
     )
 
 

@@ -2,7 +2,7 @@
 
 from feasigrasp.recordings.camera_file import CameraInfo, read_camera
 from feasigrasp.recordings.folder import DepthFolder, read_depth_folder
-from feasigrasp.recordings.images import captured_points, holds_depth, read_depth, read_mask
+from feasigrasp.recordings.images import captured_points, read_depth, read_mask
 from feasigrasp.recordings.recorder import DepthFrame, recorded
 
 __all__ = [
@@ -10,7 +10,6 @@ __all__ = [
     "DepthFolder",
     "DepthFrame",
     "captured_points",
-    "holds_depth",
     "read_camera",
     "read_depth",
     "read_depth_folder",

@@ -118,42 +118,28 @@ def read_camera(given: str | Path) -> CameraInfo:
     return CameraInfo((fx, fy, cx, cy), source=f"intrinsics {given}")
 
 
-#: Names of camera files, the first that is there counts. Source: layout.
-_NAMES = (
-    "camera.json",
-    "scene_camera.json",
-    "intrinsics.json",
-    "intrinsic.json",
-    "camera_intrinsic.json",
-    "camera_info.yaml",
-    "camera_info.yml",
-    "camera.yaml",
-    "cam_K.txt",
-    "K.txt",
-    "intrinsics.txt",
-    "camera-intrinsics.txt",
-    "K.npy",
-)
-#: Names of the matrix in such files. Source: layout.
-_MATRICES = ("cam_K", "K", "k", "camera_matrix", "intrinsic_matrix", "intrinsics", "intrinsic")
-
-
 def find_camera(folder: Path) -> Path | None:
-    """The camera file in a folder, if there is one."""
-    return next((folder / name for name in _NAMES if (folder / name).is_file()), None)
+    """The camera file in a folder, if there is one; the first of several."""
+    names = (
+        *("camera.json", "scene_camera.json", "intrinsics.json", "intrinsic.json"),
+        *("camera_intrinsic.json", "camera_info.yaml", "camera_info.yml", "camera.yaml"),
+        *("cam_K.txt", "K.txt", "intrinsics.txt", "camera-intrinsics.txt", "K.npy"),
+    )
+    return next((folder / name for name in names if (folder / name).is_file()), None)
 
 
 def _read_file(file: Path) -> CameraInfo:
     if not file.is_file():
         raise InputError(f"there is no file {file}; give camera.json, or the numbers fx,fy,cx,cy")
     content = _content(file)
+    matrices = ("cam_K", "K", "k", "camera_matrix", "intrinsic_matrix", "intrinsics", "intrinsic")
     try:
         first = next(iter(content.values()), None) if isinstance(content, dict) else None
         if isinstance(first, dict) and "cam_K" in first:  # BOP's scene_camera.json
             content = first
         if not isinstance(content, dict):
             content = {"K": content}
-        nested = next((content[n] for n in _MATRICES if n in content), None)
+        nested = next((content[n] for n in matrices if n in content), None)
         if isinstance(nested, dict) and "fx" in nested:
             content = content | nested
         names = ("ppx", "ppy") if "ppx" in content else ("cx", "cy")

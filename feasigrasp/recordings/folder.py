@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import InputError
 from feasigrasp.models.arguments import check_fields, checked
-from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.quantities import UNKNOWN_POSES, ArrayOf, Count, Positive, Whole
@@ -42,11 +42,6 @@ from feasigrasp.recordings.images import (
     read_depth,
     read_mask,
 )
-
-#: What is no farther from an image in time is of it [s]. Source: guessed.
-_SAME_TIME = 0.02
-#: Folders of masks; of BOP's two that of the visible parts. Source: layout.
-_MASKS = ("mask_visib", "mask", "masks", "segmentation", "seg", "labels", "label")
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +171,9 @@ def _masks(
     Raises:
         InputError: Of several objects none is given, or no mask has the name of a depth image.
     """
-    folder = next((at for at in (root / name for name in _MASKS) if any(_pictures(at))), None)
+    # Of BOP's two folders that of the visible parts.
+    names = ("mask_visib", "mask", "masks", "segmentation", "seg", "labels", "label")
+    folder = next((root / name for name in names if any(_pictures(root / name))), None)
     if folder is None:
         only = root / "mask.png"
         return ({files[0].stem: only} if only.is_file() else {}), label, ()
@@ -204,8 +201,7 @@ def _colors(root: Path, files: list[Path], times: Array) -> tuple[dict[str, Path
     listed = root / "rgb.txt"
     if listed.is_file():
         stamps, names = zip(*_stamped_list(listed), strict=True)
-        nearest = np.abs(np.array(stamps)[:, None] - times).argmin(axis=0)
-        near = np.abs(np.array(stamps)[nearest] - times) <= _SAME_TIME
+        nearest, near = _nearest(np.array(stamps), times)
         pairs = zip(files, nearest, near, strict=True)
         return {file.stem: names[at] for file, at, is_near in pairs if is_near}, ()
     found = [file for name in ("color", "rgb") for file in _pictures(root / name)]
@@ -258,13 +254,18 @@ def _camera_poses(root: Path, times: Array) -> Array:
     except ValueError:
         raise InputError(f'{file}: give lines "time tx ty tz qx qy qz qw"') from None
     poses = np.full((len(times), 4, 4), np.nan)
-    for k, time in enumerate(times):
-        at = int(np.argmin(np.abs(rows[:, 0] - time)))
-        if abs(rows[at, 0] - time) <= _SAME_TIME:
-            poses[k] = se3.make_pose(R[at], rows[at, 1:4])
-    if not np.isfinite(poses).any():
-        raise InputError(f"{file} has no pose within {_SAME_TIME} s of any image")
+    nearest, near = _nearest(rows[:, 0], times)
+    poses[near] = se3.make_pose(R, rows[:, 1:4])[nearest[near]]
+    if not near.any():
+        raise InputError(f"{file} has no pose at the time of any image")
     return poses
+
+
+def _nearest(stamps: Array, times: Array) -> tuple[Indices, Mask]:
+    """Which of some stamps is nearest to each time, and whether it is of the same image."""
+    nearest = np.abs(stamps[:, None] - times).argmin(axis=0)
+    # What is no farther from an image in time is of it [s].
+    return nearest, np.abs(stamps[nearest] - times) <= 0.02
 
 
 def _lines(file: Path) -> list[str]:

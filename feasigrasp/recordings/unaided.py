@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_dilation
 
 from feasigrasp.models.arrays import Array, Frozen, Mask
@@ -30,18 +30,6 @@ from feasigrasp.models.tracking.sequence import SequenceTracker
 from feasigrasp.models.tracking.tracker import FIRST_POINTS
 from feasigrasp.models.tracking.view import ObjectView
 
-#: What is as probable as this by its color is the object's, all in all; what is less probable than
-#: the second, pixel by pixel, is not. Source: guessed.
-_OF_COLOR, _OF_OTHER_COLOR = 0.5, 0.1
-#: What is no higher above the plane is of it [m]: where a body stands, cameras smear from one to
-#: the other without a jump. Source: measured: with 5 mm the desk below a real cube becomes part of
-#: it.
-_FOOT = 0.01
-
-
-#: An object without a pose for so long is searched for [s]: two images at 15 Hz. Source: guessed.
-_SEARCHED = 0.1
-
 
 class _Expected(NamedTuple):
     """Where the object is expected, how far off that may be [m], and since when unseen [s]."""
@@ -49,6 +37,11 @@ class _Expected(NamedTuple):
     X_WO: Array
     slack: float
     age: float
+
+    @property
+    def lost(self) -> bool:
+        """Whether it has to be searched for: after two images at 15 Hz."""
+        return self.age > 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +102,7 @@ class UnaidedTracker(Frozen):
     def _window(self, X_WC: Array, expected: _Expected | None) -> tuple[slice, slice]:
         """Rows and columns of an image that may show the object."""
         gpdf = self.tracker.shape.gpdf
-        if expected is None or gpdf is None or expected.age > _SEARCHED:
+        if expected is None or gpdf is None or expected.lost:
             return np.s_[:, :]
         X_WO, slack, _ = expected
         body = (gpdf.points @ X_WO[:3, :3].T + X_WO[:3, 3] - X_WC[:3, 3]) @ X_WC[:3, :3]
@@ -200,7 +193,7 @@ class UnaidedTracker(Frozen):
         around = points[at.ravel()]
         around = around[np.linalg.norm(around - middle, axis=1) < size]
         z = float((middle - X_WC[:3, 3]) @ X_WC[:3, 2])
-        tolerance = _FOOT + SIGMAS * self.camera.depth_noise * z**2
+        tolerance = float(self._foot(z))
         plane = support_plane(around, body, X_WC[:3, 3], tolerance, guesses)
         if plane is None and guesses:
             plane = guesses[1]
@@ -216,13 +209,18 @@ class UnaidedTracker(Frozen):
         ] = True
         return inside
 
+    def _foot(self, z: ArrayLike) -> Array:
+        """What is no higher above the plane is of it, at depths z [m]."""
+        # Where a body stands cameras smear from one to the other without a jump: with 5 mm a desk
+        # is learnt as the foot of a cube [m].
+        return 0.01 + SIGMAS * self.camera.depth_noise * np.square(z)
+
     def _kinds(self, points: Array, seen: Mask, X_WC: Array) -> NDArray[np.uint8]:
         kinds = np.where(seen, Kind.FREE, Kind.UNOBSERVED).astype(np.uint8)
         if self.plane is not None:
             height = points @ self.plane[:3] + self.plane[3]
             z = (points - X_WC[:3, 3]) @ X_WC[:3, 2]
-            margin = _FOOT + SIGMAS * self.camera.depth_noise * z**2
-            kinds[seen & ~(height > margin)] = Kind.CELL
+            kinds[seen & ~(height > self._foot(z))] = Kind.CELL
         return kinds
 
     def _object(
@@ -240,7 +238,7 @@ class UnaidedTracker(Frozen):
             # A box that shows less than a first view needs points to an object.
             if np.count_nonzero(bounded) >= FIRST_POINTS:
                 return bounded
-        if expected is not None and expected.age > _SEARCHED:
+        if expected is not None and expected.lost:
             found = self._searched(view, kinds, likely)
             if found is not None:
                 return found
@@ -248,7 +246,7 @@ class UnaidedTracker(Frozen):
         if expected is not None:
             known = Known(self.tracker.shape.gpdf, expected.X_WO, slack=expected.slack)
         chosen = self._labelled(view, known, kinds)
-        return chosen if likely is None else chosen & (likely >= _OF_OTHER_COLOR)
+        return chosen if likely is None else chosen & ~_of_other_color(likely)
 
     def _labelled(self, view: CameraView, known: Known, kinds: NDArray[np.uint8]) -> Mask:
         labels = segment(view, known, kinds.astype(np.uint8), view.X_WC[:3, 3], self.camera)
@@ -261,9 +259,11 @@ class UnaidedTracker(Frozen):
         gpdf = self.tracker.shape.gpdf
         if gpdf is None or likely is None:
             return None
-        free = (kinds == Kind.FREE) & (likely.ravel() >= _OF_OTHER_COLOR)
+        free = (kinds == Kind.FREE) & ~_of_other_color(likely.ravel())
         parts = find_components(view.points, free, view.X_WC[:3, 3], self.camera)
         size = float(np.linalg.norm(np.ptp(gpdf.points, axis=0)))
+        # What is as probable as this by its color, all in all, and of such a size may be it.
+        of_color, smallest, largest = 0.5, 0.4, 1.6
         best, chosen = 0.0, None
         for group in parts.groups():
             samples = np.concatenate([parts.samples[k] for k in group])
@@ -271,9 +271,14 @@ class UnaidedTracker(Frozen):
             mask = parts.mask(group).reshape(likely.shape)
             alike = float(likely[mask].mean())
             score = alike * min(ratio, 1.0 / ratio)
-            if alike >= _OF_COLOR and 0.4 < ratio < 1.6 and score > best:
+            if alike >= of_color and smallest < ratio < largest and score > best:
                 best, chosen = score, mask
         return chosen
+
+
+def _of_other_color(likely: Array) -> Mask:
+    """Mask of pixels that are not the object's, by probabilities of their colors."""
+    return likely < 0.1
 
 
 def _span(first: float, end: float, size: int) -> slice:

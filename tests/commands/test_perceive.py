@@ -136,7 +136,7 @@ def test_without_a_grasp_the_lists_are_empty(tmp_path, capsys):
         (["--cloud", "a.ply", "--intrinsics", "1,2,3,4"], "--intrinsics goes with --depth only"),
         (["--cloud", "a.ply", "--box", "1", "2", "3", "4"], "--box goes with --depth only"),
         (["--sample", "--on-table"], "--on-table needs to see the table"),
-        (["--sample", "--grasps", "g.npz"], "--grasps g.npz: end it in .json"),
+        (["--sample", "--grasps", "g.txt"], "--grasps g.txt: end it in .json"),
         (["--depth", "a.png"], "no camera.json beside a.png"),
         (["--depth", "a.png", "--intrinsics", "1,2,3"], "give camera.json, or the numbers"),
         (["--depth", "a.png", "--intrinsics", "9,9,4,4"], "there is no file a.png"),

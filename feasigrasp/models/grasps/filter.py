@@ -186,15 +186,18 @@ def _apply(
 
 def _above_table(grasps: GraspSet, plane: Array, gripper: ParallelGripper) -> GraspSet:
     """The grasps whose hand is above a plane, turned by half a turn where that is what it takes."""
-    hand = gripper.surface_points(gripper.max_opening)
-    heights = []
-    for way in (hand, hand @ FLIP[:3, :3]):
-        points = np.einsum("nij,kj->nki", grasps.X_OG[:, :3, :3], way) + grasps.X_OG[:, None, :3, 3]
-        heights.append((points @ plane[:3] - plane[3]).min(axis=1))
-    as_is, flipped = heights[0] >= MARGIN, heights[1] >= MARGIN
+    as_is, flipped = (above_table(X, plane, gripper) for X in (grasps.X_OG, grasps.X_OG @ FLIP))
     turn = ~as_is & flipped
     poses = np.where(turn[:, None, None], grasps.X_OG @ FLIP, grasps.X_OG)
     return replace(grasps, X_OG=poses).select(as_is | flipped, Rejection.HITS_TABLE)
+
+
+def above_table(X_OG: Array, plane: Array, gripper: ParallelGripper) -> Mask:
+    """Mask of poses (n, 4, 4) at which the open hand is above a plane (4,), see `filter_grasps`."""
+    hand = gripper.surface_points(gripper.max_opening)
+    # Heights of points along the axes of every hand, and of their origins.
+    height = np.einsum("j,nji,ki->nk", plane[:3], X_OG[:, :3, :3], hand, optimize=True)
+    return np.asarray(height.min(axis=1) + X_OG[:, :3, 3] @ plane[:3] - plane[3] >= MARGIN)
 
 
 def _checked_plane(table: ArrayLike) -> Array:

@@ -1,6 +1,7 @@
 """Reachability of the arm, at present and over the prediction horizon."""
 
 from feasigrasp.models.reach.feasible_grasps import feasible_grasps
+from feasigrasp.models.reach.feasible_poses import feasible_poses
 from feasigrasp.models.reach.interception import (
     InterceptionOptions,
     Situation,
@@ -16,4 +17,5 @@ __all__ = [
     "Verdict",
     "find_interceptions",
     "feasible_grasps",
+    "feasible_poses",
 ]

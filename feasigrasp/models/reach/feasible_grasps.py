@@ -85,11 +85,11 @@ def feasible_grasps(
     order = np.argsort(cost, kind="stable")
     verdicts = np.full(len(both), Verdict.BETTER, dtype=object)
     lost = np.flatnonzero(~np.isfinite(cost))
-    verdicts[lost] = _reasons(now.X_WO @ both.X_OG[lost], reachability, options.way_in)
+    verdicts[lost] = reasons(now.X_WO @ both.X_OG[lost], reachability, options.way_in)
     return judged(grasps, both, order[: min(MOST, len(both) - len(lost))], verdicts)
 
 
-def _reasons(X_WG: Array, reachability: Reachability, way_in: float) -> list[Verdict]:
+def reasons(X_WG: Array, reachability: Reachability, way_in: float) -> list[Verdict]:
     """Verdicts on grasps at present poses (n, 4, 4) that are never intercepted."""
     behind = X_WG.copy()
     behind[:, :3, 3] -= way_in * behind[:, :3, 2]

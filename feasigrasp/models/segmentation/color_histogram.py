@@ -12,12 +12,6 @@ from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array, Frozen, Mask
 
-#: Bits of each channel that make a bin. Source: guessed.
-_BITS = 3
-#: Pixels that every bin has beforehand, of either kind: colors that were not seen say nothing.
-#: Source: guessed.
-_PRIOR = 5.0
-
 
 @dataclass(frozen=True, eq=False)
 class ColorHistogram(Frozen):
@@ -38,10 +32,12 @@ class ColorHistogram(Frozen):
             of_object: Pixels of the object, shape (h, w).
             beside: Pixels of something else.
         """
-        bins, number = _bins(color), 2 ** (3 * _BITS)
+        # Pixels that every bin has beforehand, of either kind: unseen colors say nothing.
+        prior = 5.0
+        bins, number = _bins(color), 8**3
         on, off = (np.bincount(bins[mask], minlength=number) for mask in (of_object, beside))
         scale = max(float(on.sum()), 1.0) / max(float(off.sum()), 1.0)
-        return cls((on + _PRIOR) / (on + scale * off + 2.0 * _PRIOR))
+        return cls((on + prior) / (on + scale * off + 2.0 * prior))
 
     def of(self, color: NDArray[np.uint8]) -> Array:
         """The probability of each pixel of an image (h, w, 3), shape (h, w)."""
@@ -49,5 +45,6 @@ class ColorHistogram(Frozen):
 
 
 def _bins(color: NDArray[np.uint8]) -> NDArray[np.int64]:
-    high = (color >> (8 - _BITS)).astype(np.int64)
-    return (high[..., 0] << 2 * _BITS) | (high[..., 1] << _BITS) | high[..., 2]
+    """The bin of each pixel: the three highest bits of every channel."""
+    high = (color >> 5).astype(np.int64)
+    return (high[..., 0] << 6) | (high[..., 1] << 3) | high[..., 2]

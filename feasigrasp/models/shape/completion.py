@@ -122,10 +122,6 @@ SURFACE_OFFSET = 2e-3
 ROUGH_POINTS = 320
 
 
-#: Surface this far under the plane of a table is not the object's [m]. Source: guessed.
-_TABLE_ERROR = 1e-3
-
-
 #: The field of this package.
 DEFAULT = "default"
 
@@ -183,7 +179,8 @@ class CompletedField(Gpdf):
         near = self._tree.query(x[free], distance_upper_bound=observed)[0]  # inf if none is
         free[free] = near > observed
         if self.table is not None:
-            free |= x @ self.table[:3] + self.table[3] < -_TABLE_ERROR
+            # Surface this far under the plane is not the object's [m].
+            free |= x @ self.table[:3] + self.table[3] < -1e-3
         return ~free
 
     def _withdrawn(self, x: Array) -> Array:
@@ -257,13 +254,12 @@ def complete_shape(
     def fitted_to(count: int, hidden: HiddenNodes) -> tuple[Gpdf, int]:
         """The field of the first surface points, and the number of its nodes that rest on them."""
         seen, signed = _seen_nodes(surface[:count], normals[:count], steep[:count])
-        under = _nodes_under(plane, np.concatenate([points, hidden.points]))
+        under, under_by = _nodes_under(plane, np.concatenate([points, hidden.points]))
         # Errors of neighbouring nodes there correlate: this number counts as one observation.
         hidden_variance = 1.5 * (hidden.deviation / length_scale) ** 2
         made_up = np.zeros(len(hidden.points))
         others = len(seen) + len(free) + len(under)
         noise = np.concatenate([np.zeros(others), hidden_variance])
-        under_by = np.full(len(under), _UNDER)
         fitted = fit_field(
             np.concatenate([seen, free, under, hidden.points]),
             np.exp(-np.concatenate([signed, free_by, under_by, made_up]) / length_scale),
@@ -319,26 +315,18 @@ def _free_nodes(images: tuple[ViewImage, ...], points: Array) -> tuple[Array, Ar
     return nodes[kept], distance[kept]
 
 
-#: Depth of the nodes under a table [m]. Source: guessed.
-_UNDER = 5e-3
-
-
-def _nodes_under(table: Array | None, points: Array) -> Array:
-    """Nodes `_UNDER` a table where the object stands, the hull of what is near it, (n, 3)."""
-    # Surface that is no higher stands on the table [m]; distance of the nodes [m].
-    standing, spacing = 0.012, 0.01
+def _nodes_under(table: Array | None, points: Array) -> tuple[Array, Array]:
+    """Nodes under a table where the object stands, inside the hull of its foot, and how deep."""
+    # Surface that is no higher stands on the table; depth and distance of the nodes [m].
+    standing, depth, spacing = 0.012, 5e-3, 0.01
     if table is None:
-        return np.zeros((0, 3))
+        return np.zeros((0, 3)), np.zeros(0)
     height = points @ table[:3] + table[3]
     across = np.stack(perpendiculars(table[:3]), axis=1)
     foot = points[height < standing] @ across
     if len(foot) < 3 or np.linalg.matrix_rank(foot - foot.mean(axis=0), tol=spacing) < 2:
-        return np.zeros((0, 3))
-    axes = [np.arange(low, high, spacing) for low, high in zip(*_range(foot), strict=True)]
+        return np.zeros((0, 3)), np.zeros(0)
+    axes = [np.arange(side.min(), side.max(), spacing) for side in foot.T]
     grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     inside = grid[Delaunay(foot, qhull_options="QJ").find_simplex(grid) >= 0]
-    return np.asarray(inside @ across.T - (table[3] + _UNDER) * table[:3])
-
-
-def _range(x: Array) -> Array:
-    return np.stack([x.min(axis=0), x.max(axis=0)])
+    return inside @ across.T - (table[3] + depth) * table[:3], np.full(len(inside), depth)

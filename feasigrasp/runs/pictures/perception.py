@@ -73,7 +73,6 @@ def _one_per_voxel(points: Array, normals: Array, size: float) -> tuple[Array, A
 _ROOT = "/perception"
 #: Colours of grasps and cloud. Source: layout.
 _GRASP_COLOR, _CLOUD_COLOR = Rgba(0.06, 0.65, 0.25), np.array([[40], [50], [65]], dtype=np.uint8)
-_TABLE_COLOR = Rgba(0.5, 0.45, 0.4)
 
 
 def write_perception_html(perception: Perception, filename: Path) -> None:
@@ -109,7 +108,7 @@ def write_perception_html(perception: Perception, filename: Path) -> None:
         meshcat.SetTriangleMesh(f"{_ROOT}/grasps", vertices.T, faces.T, _GRASP_COLOR)
 
     for k, line in enumerate(table_lines(perception)):
-        meshcat.SetLine(f"{_ROOT}/table/{k}", line.T, 2.0, _TABLE_COLOR)
+        meshcat.SetLine(f"{_ROOT}/table/{k}", line.T, 2.0, Rgba(0.5, 0.45, 0.4))
     set_background(meshcat)
     towards = R @ towards_viewer(perception)
     size = float(np.ptp(surface.points, axis=0).max())

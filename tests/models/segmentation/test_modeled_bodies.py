@@ -89,9 +89,7 @@ def test_the_boxes_of_the_cell_are_those_of_its_geometry(station):
     found = kinds(ModeledBodies(GRIPPER, cell_boxes(config)), points, q, 0.05)
     np.testing.assert_array_equal(found[cell < MARGIN - 1e-6] == Kind.CELL, True)
     assert np.count_nonzero(cell < 0.0) > 20
-    assert not (
-        found[cell > 1.8 * MARGIN] == Kind.CELL
-    ).any()  # corners count sqrt(3) times
+    assert not (found[cell > 1.8 * MARGIN] == Kind.CELL).any()  # corners count sqrt(3) times
 
 
 def test_points_on_the_links_are_the_robots():
