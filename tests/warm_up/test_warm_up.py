@@ -19,9 +19,8 @@ PACKAGE = Path(feasigrasp.__file__).parent
 KERNELS = {
     "feasigrasp.models.robot.kinematics": {
         "pose_jacobian_kernel": {
-            "(array(float64, 1, 'C'), array(float64, 2, 'C'), array(float64, 2, 'C'), none, )": [
-                "task"
-            ]
+            "(array(float64, 2, 'C', 'readonly'), array(float64, 1, 'C'), array(float64, 2, 'C'), "
+            "array(float64, 2, 'C'), none, )": ["task"]
         }
     },
     "feasigrasp.models.geometry.se3_kernels": {
