@@ -41,12 +41,12 @@ _HOME, _APPROACH, _REACH = np.array([0.22, 0.0, 0.73]), np.array([0.82, 0.0, -0.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument("urdf", type=Path, help="model of the arm")
-    parser.add_argument("--flange", required=True, help="link on which the hand is mounted")
-    parser.add_argument("--out", dest="file", type=Path, required=True, help="file to write")
-    parser.add_argument("--name", help="of the arm; by default that of the file to write")
+    parser.add_argument("urdf", type=Path, help="Model of the arm.")
+    parser.add_argument("--flange", required=True, help="Link on which the hand is mounted.")
+    parser.add_argument("--out", dest="file", type=Path, required=True, help="File to write.")
+    parser.add_argument("--name", help="Name of the arm. Default: that of the file.")
     parser.add_argument(
-        "--acceleration", type=float, nargs="+", help="limits [rad/s^2], one per joint"
+        "--acceleration", type=float, nargs="+", help="Limits [rad/s^2], one per joint."
     )
 
 

@@ -90,7 +90,9 @@ def check_driver(scenario: Scenario) -> None:
         ScenarioError: It is another one than the iiwa.
     """
     if load_arm(scenario.arm) is not IIWA_7:
-        raise ScenarioError(f"arm is {scenario.arm}; only the iiwa's driver is spoken to so far")
+        raise ScenarioError(
+            f"arm is {scenario.arm}; drivers other than the iiwa's are not spoken to"
+        )
 
 
 def _check_gripper(scenario: Scenario) -> None:

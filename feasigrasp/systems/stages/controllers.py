@@ -55,7 +55,7 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
     config = scenario.control
     arm = reachability.arm
     slowest = arm.acceleration_limits / (SafetyOptions.velocity_scale * arm.velocity_limits)
-    gain = arm.acceleration_share * float(slowest.min()) / config.speed
+    gain = 0.999 * arm.acceleration_share * float(slowest.min()) / config.speed
     safety = SafetyOptions(
         approach_gain=min(SafetyOptions.approach_gain, gain),
         period=config.period,
