@@ -301,6 +301,8 @@ class GraspController(LeafSystem):
         It is ``qd`` itself unless the object is tracked with a camera on the hand, and while it is
         not known where the object is.
         """
+        if len(qd) != self.reachability.arm.joints:
+            raise ControlError(f"in_view: qd has {len(qd)} entries, not one per joint of the arm")
         X_WC = inputs.X_WC if inputs.seen_by_arm else None
         gpdf = None if X_WC is None else inputs.gpdf
         if X_WC is None or gpdf is None:

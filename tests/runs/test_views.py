@@ -88,7 +88,7 @@ def test_the_ghost_goes_the_way_of_its_mode():
     scenario = load_scenario(FILE, "ReachLinearMocap", "{perception: {period: 0.25, latency: 0.0}}")
     ways = [ghost_of(scenario, mode, 1.0) for mode in ("safe", "corrected")]
     for way in ways:
-        np.testing.assert_allclose(way.q[0], np.deg2rad(scenario.q_start), atol=1e-9)
+        np.testing.assert_allclose(way.q[0], scenario.start, atol=1e-9)
         assert way.times[0] == 0.0 and way.times[-1] == pytest.approx(1.0)
     assert scenario.control.mode == "safe"  # it is not changed
     assert np.abs(ways[0].q[-1] - ways[1].q[-1]).max() > 0.02

@@ -223,13 +223,18 @@ def _solve_all(X_WF, q_near, search, scratch):
 
 @compiled
 def _first_solution(X_WF, search, scratch):
-    """As `_first_in_segments`, of an arm that is not S-R-S, among its samples of redundancy."""
-    verdict, q = WRIST, scratch.q
-    for j in range(len(search.psis)):
+    """As `_first_in_segments`, of an arm that is not S-R-S, among its samples of redundancy.
+
+    Where those have none, among three more between any two.
+    """
+    verdict, q, n = WRIST, scratch.q, len(search.psis)
+    step = search.psis[1] - search.psis[0] if n > 1 else 0.0
+    for k in range(4 * n if n > 1 else 1):
+        r = search.psis[k % n] + (0.0, 0.5, -0.25, 0.25)[k // n] * step
         for branch in range(8):
             for i in range(len(q)):
                 q[i] = 0.5 * (search.chain[i, LOWER] + search.chain[i, UPPER])
-            if not other_kernel(search.chain, X_WF, branch, search.psis[j], q):
+            if not other_kernel(search.chain, X_WF, branch, r, q):
                 continue
             if not inside_limits_kernel(search.chain, q, search.limit_margin):
                 verdict = LIMITS if verdict == WRIST else verdict
@@ -296,8 +301,8 @@ def nearest_kernel(X_WF, q_near, search, scratch, q_best):
     """Writes the admissible configuration that is soonest reached from ``q_near``.
 
     It is the best of the arm angles of ``search`` and that of ``q_near``; if none of them is
-    admissible, the best inside the exact intervals of an S-R-S arm. Returns the travel time [s],
-    infinite if there is none.
+    admissible, the best inside the exact intervals of an S-R-S arm, the first that `verdict_kernel`
+    finds of another. Returns the travel time [s], infinite if there is none.
     """
     if hand_verdict_kernel(X_WF, search, scratch.ends) != REACHABLE:
         return np.inf
@@ -310,6 +315,9 @@ def nearest_kernel(X_WF, q_near, search, scratch, q_best):
             return travel_time_kernel(search.chain, scratch.q, q_near)
     shortest = np.inf
     if not is_srs(search.chain):
+        if _first_solution(X_WF, search, scratch) == REACHABLE:
+            q_best[:] = scratch.q
+            shortest = travel_time_kernel(search.chain, scratch.q, q_near)
         return shortest
     for q in _all_candidates(circle, search, scratch):
         time = travel_time_kernel(search.chain, q, q_near)

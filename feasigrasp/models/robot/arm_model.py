@@ -69,7 +69,7 @@ def _shapes(k: int, capsule: Capsule) -> str:
     a, b = np.array(capsule.a), np.array(capsule.b)
     x, y, z = b - a
     # Turns the capsule's z-axis to the segment.
-    rpy = (np.arctan2(-y, z), np.arctan2(x, np.hypot(y, z)), 0.0)
+    rpy = (np.arctan2(-y, np.hypot(x, z)), np.arctan2(x, z), 0.0)
     values = {
         "k": k,
         "xyz": _numbers((a + b) / 2),

@@ -79,14 +79,21 @@ def _mesh(shape: ET.Element, folder: Path) -> trimesh.Trimesh:
     assert geometry is not None
     each = geometry[0]
     if each.tag == "mesh":
-        mesh: trimesh.Trimesh = trimesh.load_mesh(_file(each.attrib["filename"], folder))
+        path = _file(each.attrib["filename"], folder)
+        try:
+            mesh: trimesh.Trimesh = trimesh.load_mesh(path)
+        except ImportError as error:  # COLLADA
+            raise ArgumentError(f"{path}: {error}; or convert it to STL") from error
         mesh.apply_scale([float(v) for v in each.get("scale", "1 1 1").split()])
         return mesh
     if each.tag == "box":
         return trimesh.creation.box([float(v) for v in each.attrib["size"].split()])
+    radius, length = float(each.attrib["radius"]), float(each.get("length", 0.0))
     if each.tag == "sphere":
-        return trimesh.creation.icosphere(radius=float(each.attrib["radius"]))
-    return trimesh.creation.cylinder(float(each.attrib["radius"]), float(each.attrib["length"]))
+        return trimesh.creation.icosphere(radius=radius)
+    if each.tag == "cylinder":
+        return trimesh.creation.cylinder(radius, length)
+    return trimesh.creation.capsule(length, radius)
 
 
 def _file(name: str, folder: Path) -> Path:

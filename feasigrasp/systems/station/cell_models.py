@@ -98,6 +98,10 @@ class StationConfig:
             ScenarioError: An entry has another type, shape or range.
         """
         check_fields(self, ScenarioError)
+        if len(self.q_start) != self.arm.joints:
+            raise ScenarioError(
+                f"StationConfig.q_start has {len(self.q_start)} entries; give {self.arm.joints}"
+            )
 
 
 def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:

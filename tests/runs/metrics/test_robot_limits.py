@@ -70,7 +70,7 @@ def test_a_torque_at_its_limit_counts_since_the_simulation_cuts_it_off(scenario,
     scenario.cameras = {}
     station = make_station(scenario)
     context = station.CreateDefaultContext()
-    q = np.deg2rad(scenario.q_start)
+    q = scenario.start
     torques = station.GetOutputPort("iiwa.torque_measured")
     station.GetInputPort("gripper.position").FixValue(context, [0.085])
     station.GetInputPort("object.hold").FixValue(context, [1.0])

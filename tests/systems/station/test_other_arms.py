@@ -4,6 +4,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 
 import feasigrasp as fg
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import Family
 from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -50,6 +51,27 @@ def test_collisions_of_another_arm_are_those_of_its_capsules(name):
     assert self_collision_metrics(reference, arm.home[None])["self_collision_percent"] == 0.0
     Q = arm.random_positions(np.random.default_rng(1), 100)
     assert 0.0 < self_collision_metrics(reference, Q)["self_collision_percent"] < 80.0
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_what_is_admissible_does_not_collide_in_the_simulation(name):
+    arm = load_arm(name)
+    station = make_station(scenario_with(name))
+    plant, root = station.plant, station.CreateDefaultContext()
+    context, instance = plant.GetMyContextFromRoot(root), plant.GetModelInstanceByName(arm.name)
+    query, inspector = station.scene_graph.get_query_output_port(), station.scene_graph
+    Q = arm.random_positions(np.random.default_rng(0), 1000)
+    Q = Q[Reachability(arm=arm).admissible(Q)]
+    assert len(Q) > 20
+    for q in Q:
+        plant.SetPositions(context, instance, q)
+        found = query.Eval(station.scene_graph.GetMyContextFromRoot(root))
+        for pair in found.ComputePointPairPenetration():
+            names = {
+                plant.GetBodyFromFrameId(inspector.model_inspector().GetFrameId(each)).name()
+                for each in (pair.id_A, pair.id_B)
+            }
+            assert "object" in names, names
 
 
 def test_joint_positions_at_the_start_are_those_of_the_arm():
