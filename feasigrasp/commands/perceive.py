@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from feasigrasp.errors import FeasigraspError, PointCloudError
-from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
+from feasigrasp.models.clouds.files import prepare_cloud, read_cloud, viewpoint_of
 from feasigrasp.models.grasps.grasp_set import Rejection
 from feasigrasp.models.grasps.perceive import Perception, perceive
 from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
@@ -216,12 +216,14 @@ def main(args: argparse.Namespace) -> int:
         {"--picture": picture, "--html": html, "--grasps": args.grasps},
         {"--cloud": args.cloud, "--depth": args.depth, "--mask": args.mask},
     )
-    viewpoint = None if args.merged else args.viewpoint or (0.0, 0.0, 0.0)
+    scale = 1.0 if args.scale is None else args.scale
     if args.depth is None:
         points = read_cloud(args.cloud)
+        if args.viewpoint is None and (p := viewpoint_of(args.cloud)) is not None:
+            args.viewpoint = [scale * x for x in p]
     else:
         points = captured_points(args.depth, args.intrinsics, args.mask, args.box, args.label)
-    scale = 1.0 if args.scale is None else args.scale
+    viewpoint = None if args.merged else args.viewpoint or (0.0, 0.0, 0.0)
     points = prepare_cloud(
         points, scale=scale, crop=args.crop, viewpoint=viewpoint, scene=args.on_table
     )

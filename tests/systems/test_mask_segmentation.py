@@ -1,7 +1,10 @@
 """A mask function in place of the segmentation by depth: ports, errors, the object in the cell."""
 
 import re
+import runpy
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -165,3 +168,34 @@ def test_the_documented_mask_finds_the_object_in_the_cell(example):
     assert intersection_over_union(labels == Label.OBJECT, true) > 0.8
     assert len(output(diagram.subsystems.sampler, "grasps")) > 0
     assert not output(diagram.subsystems.tracker, "tracking").lost
+
+
+def test_the_example_of_a_network_prompts_each_image_by_the_last_mask(monkeypatch):
+    """With sessions in the place of the weights: the nearest pixel first, then a middle."""
+    asked = []
+
+    class Session:
+        def __init__(self, name):
+            self.name = name
+
+        def get_inputs(self):
+            return [SimpleNamespace(name="image")]
+
+        def run(self, _, inputs):
+            if self.name == "e.onnx":
+                assert inputs["image"].shape == (1, 3, 1024, 1024)
+                return [np.zeros((1, 256, 64, 64), dtype=np.float32)]
+            asked.append(inputs["point_coords"][0, 0] * 80 / 1024)
+            masks = np.full((1, 2, 60, 80), -1.0)
+            masks[0, 1, 20:31, 40:51] = 1.0
+            return [masks, np.array([[0.2, 0.9]])]
+
+    monkeypatch.setitem(sys.modules, "onnxruntime", SimpleNamespace(InferenceSession=Session))
+    example = Path(__file__).parents[2] / "examples" / "segmentation" / "onnx_segmenter.py"
+    segmenter = runpy.run_path(str(example))["Segmenter"](None, "e.onnx", "d.onnx")
+    depth = np.full((60, 80), 0.8)
+    depth[10, 70] = 0.3
+    for _ in range(2):
+        mask = segmenter(np.zeros((60, 80, 3), dtype=np.uint8), depth, 0.0)
+    assert mask.shape == (60, 80) and mask.sum() == 121
+    np.testing.assert_allclose(asked, [[70.0, 10.0], [45.0, 25.0]], atol=1e-3)

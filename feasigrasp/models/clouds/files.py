@@ -80,6 +80,17 @@ def read_cloud(filename: str | Path) -> Array:
     return points[np.sort(np.unique(points, axis=0, return_index=True)[1])]
 
 
+def viewpoint_of(path: Path) -> list[float] | None:
+    """Where the camera was by the header of a ``.pcd``, in the file's unit; None if it says not."""
+    head = path.read_bytes().partition(b"\nDATA ")[0] if path.suffix.lower() == ".pcd" else b""
+    line = next((line for line in head.split(b"\n") if line.startswith(b"VIEWPOINT ")), b"")
+    try:
+        p = [float(word) for word in line.split()[1:4]]
+    except ValueError:
+        return None
+    return p if any(p) else None
+
+
 def _read_pcd(path: Path) -> Array:
     """The fields x, y and z of all points of a file, shape (n, 3); NaN where it has NaN.
 

@@ -5,7 +5,7 @@ import open3d as o3d
 import pytest
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
+from feasigrasp.models.clouds.files import prepare_cloud, read_cloud, viewpoint_of
 
 
 @pytest.fixture
@@ -100,3 +100,12 @@ def test_a_cloud_round_the_camera_is_in_the_wrong_frame(cloud):
     assert len(prepare_cloud(centred, viewpoint=None)) == 200
     with pytest.raises(PointCloudError, match="--scale -1"):
         prepare_cloud(cloud, scale=-1.0)
+
+
+def test_the_viewpoint_of_a_pcd_is_where_the_camera_was(tmp_path):
+    head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\n"
+    for place, expected in (("0.5 -0.25 1.5", [0.5, -0.25, 1.5]), ("0 0 0", None)):
+        text = f"{head}VIEWPOINT {place} 1 0 0 0\nPOINTS 1\nDATA ascii\n1 2 3\n"
+        (tmp_path / "a.pcd").write_text(text)
+        assert viewpoint_of(tmp_path / "a.pcd") == expected
+    assert viewpoint_of(tmp_path / "a.ply") is None
