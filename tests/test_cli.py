@@ -71,8 +71,8 @@ def test_the_commands_are_those_that_users_rely_on():
 
 def test_the_commands_for_people_are_there():
     assert list(SINGLE) == [
-        *("doctor", "feasible", "guard", "objects", "perceive", "record", "run", "scenarios"),
-        *("sim", "track", "warm-up"),
+        *("arm", "doctor", "feasible", "guard", "objects", "perceive", "record", "run"),
+        *("scenarios", "sim", "track", "warm-up"),
         "report",
     ]
 
