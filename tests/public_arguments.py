@@ -229,7 +229,8 @@ class Examples:
             "motion": MotionEstimate(empty_state(), 0.0), "kept_before": np.array([1]),
             "reachability": reach,
             # robot
-            "X_FT": np.eye(4), "ndim": 1, "opening": 0.05,
+            "X_FT": np.eye(4), "ndim": 1, "opening": 0.05, "Arm.braking_rate.speed": 0.9,
+            "acceleration_share": 0.9,
             # shape
             "x": cloud, "starts": cloud, "Gpdf.ray_exits.directions": -cloud,
             "CompletedField.ray_exits.directions": -cloud, "max_length": 0.1,

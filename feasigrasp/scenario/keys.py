@@ -63,7 +63,7 @@ def general(path: Iterable[str]) -> str:
     for named in _NAMED:
         if len(names) > len(named) and names[: len(named)] == [*named]:
             names[len(named)] = "*"
-    return ".".join(name for name in names if name not in _DRAWN)
+    return ".".join(str(name) for name in names if name not in _DRAWN)
 
 
 def compose(text: str) -> yaml.MappingNode:

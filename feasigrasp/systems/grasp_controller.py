@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -178,9 +179,8 @@ class GraspController(LeafSystem):
         self._touch = self.DeclareVectorInputPort("touch", n)
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._search_target = declare_input(self, "search_target", kind=SearchTarget | None)
-        self._viewpoint = declare_input(
-            self, "viewpoint", kind=Annotated[Array, CONFIGURATION] | None
-        )
+        configuration = Annotated[Array, replace(CONFIGURATION, shape=(n,))]
+        self._viewpoint = declare_input(self, "viewpoint", kind=configuration | None)
         self._tracking = declare_input(self, "tracking", kind=Tracking | None)
         self._plan = declare_input(self, "plan")
         seen = self._declare_grid("scene", scene, obstacle_grid)

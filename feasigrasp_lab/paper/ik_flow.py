@@ -190,7 +190,8 @@ class IkFlow(Frozen):
         for joint in range(IIWA_7.joints):
             head, azimuth = self._head(target, joint)
             angle = np.empty(len(target))
-            quantile_kernel(head, self.shape.narrowest, azimuth, joint, u[:, joint], angle)
+            mixture = head, self.shape.narrowest, azimuth, IIWA_7.upper[joint]
+            quantile_kernel(*mixture, u[:, joint], angle)
             turn_kernel(target, joint, angle)
             q[:, joint] = angle
 
@@ -212,7 +213,7 @@ class IkFlow(Frozen):
         """
         X_WF = np.asarray(X_WF)
         q = np.asarray(q)
-        if not (np.abs(q) <= IIWA_7.position_limits).all():
+        if not (np.abs(q) <= IIWA_7.upper).all():
             raise ArgumentError("IkFlow.forward: q must hold positions inside the limits")
         u, log_density = np.empty(q.shape), np.zeros(len(q))
         target = X_WF[:, :3].copy()
@@ -220,7 +221,8 @@ class IkFlow(Frozen):
             with _one_thread():
                 head, azimuth = self._head(target, joint)
             angle, latent, term = q[:, joint].copy(), np.empty(len(q)), np.empty(len(q))
-            latent_kernel(head, self.shape.narrowest, azimuth, joint, angle, latent, term)
+            mixture = head, self.shape.narrowest, azimuth, IIWA_7.upper[joint]
+            latent_kernel(*mixture, angle, latent, term)
             turn_kernel(target, joint, angle)
             u[:, joint] = latent
             log_density += term

@@ -211,18 +211,17 @@ def _first_guess(u, limit, mixture, order):
 
 
 @compiled
-def quantile_kernel(head, narrowest, azimuth, joint, u, q):
+def quantile_kernel(head, narrowest, azimuth, limit, u, q):
     """From latents to angles of a joint: Newton's method, kept between bounds by bisection.
 
     Args:
         head: Outputs of the joint's network (n, 4 k): weights, cosines, sines, scales.
         narrowest: Least scale [rad].
         azimuth: Where the network's angles start (n,) [rad].
-        joint: Number of the joint.
+        limit: Angles are from -limit to limit [rad].
         u: Latents (n,).
         q: Out: angles (n,) [rad].
     """
-    limit = IIWA_7.position_limits[joint]
     mixture = np.empty((7, head.shape[1] // 4))
     order = np.empty(mixture.shape[1], dtype=np.int64)
     for n in range(len(q)):
@@ -249,9 +248,8 @@ def quantile_kernel(head, narrowest, azimuth, joint, u, q):
 
 
 @compiled
-def latent_kernel(head, narrowest, azimuth, joint, q, u, log_density):
+def latent_kernel(head, narrowest, azimuth, limit, q, u, log_density):
     """The way back: from angles q (n,) to latents u (n,), and log densities (n,)."""
-    limit = IIWA_7.position_limits[joint]
     mixture = np.empty((7, head.shape[1] // 4))
     for n in range(len(q)):
         background = _mixture(head[n], narrowest, azimuth[n], limit, mixture)

@@ -37,7 +37,7 @@ def folded_configurations(n: int, rng: np.random.Generator) -> Array:
     side = np.sign(Q[:, :1])
     Q[:, [2, 4]] *= 0.2
     Q[:, [1, 3, 5]] = side * np.abs(Q[:, [1, 3, 5]]) * (1, -1, 1)
-    Q[:, [1, 3]] = (Q[:, [1, 3]] + np.sign(Q[:, [1, 3]]) * IIWA_7.position_limits[1]) / 2
+    Q[:, [1, 3]] = (Q[:, [1, 3]] + np.sign(Q[:, [1, 3]]) * IIWA_7.upper[1]) / 2
     return Q
 
 

@@ -103,7 +103,7 @@ class IkFlowNetwork(nn.Module):
         latents, densities = [], []
         for joint, factor in enumerate(self.factors):
             features, azimuth = _features(rows, joint)
-            limit = float(IIWA_7.position_limits[joint])
+            limit = float(IIWA_7.upper[joint])
             head = factor(features)
             u, log_density = _mixture(head, self.shape.narrowest, azimuth, limit, q[:, joint])
             latents.append(u)

@@ -114,7 +114,7 @@ def test_commands_are_finite_and_inside_every_bound_in_random_states(make, seed)
     grasps, options = ring(), SafetyOptions()
     moved = 0
     for _ in range(12):
-        q = rng.uniform(-1, 1, 7) * IIWA_7.position_limits
+        q = rng.uniform(-1, 1, 7) * IIWA_7.upper
         pose = RigidTransform(
             RotationMatrix(RollPitchYaw(rng.uniform(-3, 3, 3))), rng.uniform(-0.7, 0.7, 3)
         )

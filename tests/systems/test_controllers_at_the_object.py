@@ -127,7 +127,7 @@ def test_the_hand_gets_to_a_grasp_and_stays_there(make, speed, spin):
         cosine = (np.trace(X_GH[:, :3, :3], axis1=1, axis2=2) - 1) / 2
         angle = np.arccos(np.clip(cosine, -1, 1))
         assert np.any((position < 0.002) & (angle < 0.02)), (t, position.min(), angle.min())
-    assert np.all(np.abs(q) < IIWA_7.position_limits)
+    assert np.all(np.abs(q) < IIWA_7.upper)
     assert min(min_distance(q_t) for q_t in q) > 0.0
 
 

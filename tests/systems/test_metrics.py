@@ -51,7 +51,7 @@ def sample(fixed_context):
 
 
 def configurations(n, seed=0):
-    return np.random.default_rng(seed).uniform(-1, 1, (n, 7)) * IIWA_7.position_limits
+    return np.random.default_rng(seed).uniform(-1, 1, (n, 7)) * IIWA_7.upper
 
 
 class DrakeArm:
@@ -118,10 +118,10 @@ def test_the_object_is_told_in_the_hand_and_in_the_world(station, sample):
 
 
 def test_limit_margin_and_speed_are_those_of_the_worst_joint(sample):
-    q, v = 0.5 * IIWA_7.position_limits, 0.3 * IIWA_7.velocity_limits
-    assert sample(q, v)["limit_margin"] == pytest.approx((IIWA_7.position_limits - q).min())
+    q, v = 0.5 * IIWA_7.upper, 0.3 * IIWA_7.velocity_limits
+    assert sample(q, v)["limit_margin"] == pytest.approx((IIWA_7.upper - q).min())
     assert sample(q, v)["velocity_ratio"] == pytest.approx(0.3)
-    q[2], v[4] = -IIWA_7.position_limits[2] - 0.02, -1.25 * IIWA_7.velocity_limits[4]
+    q[2], v[4] = -IIWA_7.upper[2] - 0.02, -1.25 * IIWA_7.velocity_limits[4]
     assert sample(q, v)["limit_margin"] == pytest.approx(-0.02)
     assert sample(q, v)["velocity_ratio"] == pytest.approx(1.25)
 

@@ -113,12 +113,12 @@ def test_velocity_and_acceleration_saturate_at_the_limits_of_each_joint():
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_the_desired_position_never_leaves_the_limits(sign):
-    start = sign * 0.95 * IIWA_7.position_limits
+    start = sign * 0.95 * IIWA_7.upper
     states = drive(np.full(7, sign * 10.0), 200, q=start)
     # Farther inside than where the driver of the real arm clamps.
     assert np.all(np.abs(states[:, :7]) < IIWA_7.driver.upper - np.deg2rad(0.5))
     margin = IIWA_7.position_margin
-    np.testing.assert_allclose(states[-1, :7], sign * (IIWA_7.position_limits - margin))
+    np.testing.assert_allclose(states[-1, :7], sign * (IIWA_7.upper - margin))
     # The desired velocity is that of the desired positions, and comes to rest as it may.
     path = np.vstack([start, states[:, :7]])
     np.testing.assert_allclose(np.diff(path, axis=0) / PERIOD, states[:, 7:], atol=1e-9)
@@ -129,8 +129,8 @@ def test_the_desired_position_never_leaves_the_limits(sign):
 def test_one_margin_keeps_drive_program_and_judge_off_the_limits():
     """Where the drive would stop the arm, the program in front of it has done so before."""
     margin = IIWA_7.position_margin
-    assert (IIWA_7.driver.upper < IIWA_7.position_limits).all()
-    assert (IIWA_7.position_limits - margin < IIWA_7.driver.upper - np.deg2rad(0.5)).all()
+    assert (IIWA_7.driver.upper < IIWA_7.upper).all()
+    assert (IIWA_7.upper - margin < IIWA_7.driver.upper - np.deg2rad(0.5)).all()
     assert SafetyOptions().position_margin >= margin
     assert Reachability().limit_margin >= SafetyOptions().position_margin
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import ArgumentError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.quantities import JOINTS, POSE, ArrayOf, Whole
+from feasigrasp.models.quantities import JOINTS, POSE, ArrayOf, Positive, Whole
 
 #: Columns of a joint's row in `Arm.chain`: its axis (0 x, 1 y, 2 z) and the sign of it, the way
 #: from the link before (3), its limits, the acceleration that may be commanded, the margin of
@@ -215,8 +215,9 @@ class Arm(Frozen):
         """
         Q = np.asarray(q)
         if ndim not in (None, Q.ndim) or Q.shape[-1:] != (self.joints,):
-            form = f"({self.joints},)" if ndim == 1 else f"(..., {self.joints})"
-            raise ArgumentError(f"q has shape {Q.shape}; give shape {form} for ndim = {ndim}")
+            leading = {1: "", 2: "n, "}.get(ndim or 0, "..., ")
+            form = f"({leading}{self.joints}{'' if leading else ','})"
+            raise ArgumentError(f"q has shape {Q.shape}; give shape {form}")
         return Q
 
     @checked()
@@ -224,10 +225,16 @@ class Arm(Frozen):
         """Joint positions uniform inside the limits, shape (n, joints) [rad]."""
         return rng.uniform(self.lower, self.upper, (n, self.joints))
 
-    @property
-    def position_limits(self) -> Array:
-        """Of an arm whose limits are symmetric: -position_limits <= q <= position_limits [rad]."""
-        return self.upper
+    @checked()
+    def braking_rate(self, speed: Positive, acceleration_share: Positive) -> float:
+        """Acceleration over velocity of the joint that takes longest to stop [1/s].
+
+        Args:
+            speed: Share of the velocity limits that the joints have.
+            acceleration_share: Share of the acceleration limits that they brake with.
+        """
+        brakes = acceleration_share * self.acceleration_limits
+        return float(np.min(brakes / (speed * self.velocity_limits)))
 
     @property
     def link_steps(self) -> tuple[float, ...]:

@@ -201,23 +201,30 @@ def _planes(thin: Array, viewpoint: Array) -> list[Array]:
 def _nearest_standing(
     thin: Array, planes: list[Array], viewpoint: Array
 ) -> tuple[Indices, Array] | None:
-    """The largest body on that plane which has the nearest one, and the plane."""
+    """The largest body on that plane which has the nearest one, and the plane.
+
+    Of several planes that have the same body nearest, it is the one that it stands lowest on.
+    """
     # A body that shows less than this share of the largest one's voxels is a piece of one.
     piece = 0.2
-    on_planes = [(body, plane) for plane in planes for body in [_standing(thin, plane)]]
+    on_planes = [(body, plane) for plane in planes for body in [_standing(thin, plane, viewpoint)]]
     sized = [(body, plane) for body, plane in on_planes if len(body) >= _LEAST]
     if not sized:
         return None
     least = piece * max(len(body) for body, _ in sized)
-    return min(
-        ((body, plane) for body, plane in sized if len(body) >= least),
-        key=lambda each: float(np.linalg.norm(thin[each[0]] - viewpoint, axis=1).min()),
-    )
+
+    def near_and_low(each: tuple[Indices, Array]) -> tuple[float, float]:
+        points, plane = thin[each[0]], each[1]
+        near = float(np.linalg.norm(points - viewpoint, axis=1).min())
+        return round(near, 3), float((points @ plane[:3] + plane[3]).min())
+
+    return min(((b, p) for b, p in sized if len(b) >= least), key=near_and_low)
 
 
-def _standing(thin: Array, plane: Array) -> Indices:
+def _standing(thin: Array, plane: Array, viewpoint: Array) -> Indices:
     """The largest body of a graspable size on a plane, and amid it; empty if there is none."""
-    # A body stands on the plane that begins this near to it [m].
+    # A body that is seen from the side begins this near to the plane that it stands on [m]. From
+    # above its foot is hidden: nothing of a box is seen but its top.
     foot = 0.02
     height = thin @ plane[:3] + plane[3]
     above = np.flatnonzero(height > _STANDS)
@@ -229,7 +236,9 @@ def _standing(thin: Array, plane: Array) -> Indices:
     for which in np.argsort(-np.bincount(number), kind="stable")[:10]:
         body = above[number == which]
         extent = np.linalg.norm(np.ptp(thin[body], axis=0))
-        if extent <= LARGEST and height[body].min() < foot:
+        sight = viewpoint - thin[body].mean(axis=0)
+        beside = np.linalg.norm(np.cross(plane[:3], sight)) / np.linalg.norm(sight)
+        if extent <= LARGEST and height[body].min() < foot + LARGEST * (1.0 - beside):
             return body
     return above[:0]
 

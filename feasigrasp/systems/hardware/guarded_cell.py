@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.control.safety.driver_clock import SHORTEST
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
@@ -45,15 +43,13 @@ def make_guarded_cell(scenario: Scenario) -> GuardedCell:
     """
     cell, default, speed = scenario.cell, SafetyOptions, scenario.control.speed
     arm = load_arm(scenario.arm)
-    braking = arm.acceleration_share * np.array(arm.acceleration_limits)
-    fastest = speed * CommandGuard.SPEED * np.array(arm.velocity_limits)
     options = SafetyOptions(
         arm=arm,
         acceleration_scale=arm.acceleration_share,
         position_margin=arm.position_margin,
         speed=speed,
         velocity_scale=CommandGuard.SPEED,
-        approach_gain=0.999 * float(np.min(braking / fastest)),  # exclusive of rounding
+        approach_gain=arm.braking_rate(speed * CommandGuard.SPEED, arm.acceleration_share),
         clearance=0.5 * default.clearance,
         obstacle_clearance=0.5 * default.obstacle_clearance,
         table_clearance=0.5 * cell.table_clearance,

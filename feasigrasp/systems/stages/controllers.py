@@ -54,10 +54,10 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
     """The controller of a scenario."""
     config = scenario.control
     arm = reachability.arm
-    slowest = arm.acceleration_limits / (SafetyOptions.velocity_scale * arm.velocity_limits)
-    gain = 0.999 * arm.acceleration_share * float(slowest.min()) / config.speed
+    fastest = config.speed * SafetyOptions.velocity_scale
+    most = arm.braking_rate(fastest, arm.acceleration_share)
     safety = SafetyOptions(
-        approach_gain=min(SafetyOptions.approach_gain, gain),
+        approach_gain=min(SafetyOptions.approach_gain, most),
         period=config.period,
         speed=config.speed,
         table_height=reachability.table_height,

@@ -41,8 +41,8 @@ PART = 250_000
 class IiwaArm:
     """The iiwa 7 with a hand at its flange; the end frame is the flange F."""
 
-    lower: ClassVar[Array] = -IIWA_7.position_limits
-    upper: ClassVar[Array] = IIWA_7.position_limits
+    lower: ClassVar[Array] = IIWA_7.lower
+    upper: ClassVar[Array] = IIWA_7.upper
     forward_kinematics = staticmethod(forward_kinematics)
     manipulability = staticmethod(manipulability)
 

@@ -62,8 +62,8 @@ def _joint(robot: ET.Element, i: int, step: float) -> None:
     xml.origin(joint, (0.0, 0.0, step))
     ET.SubElement(joint, "axis", xyz=xml.numbers(IIWA_7.axes[i]))
     limit = {
-        "lower": -IIWA_7.position_limits[i],
-        "upper": IIWA_7.position_limits[i],
+        "lower": -IIWA_7.upper[i],
+        "upper": IIWA_7.upper[i],
         "velocity": IIWA_7.velocity_limits[i],
         "effort": IIWA_7.effort_limits[i],
         xml.drake_tag("acceleration"): IIWA_7.acceleration_limits[i],

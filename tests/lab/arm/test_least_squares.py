@@ -105,12 +105,12 @@ def test_a_batch_is_one_by_one():
 
 def test_joints_can_be_kept_inside_their_limits():
     rng = np.random.default_rng(11)
-    Q = np.sign(random_configurations(40, seed=11)) * IIWA_7.position_limits
+    Q = np.sign(random_configurations(40, seed=11)) * IIWA_7.upper
     X = forward_kinematics(Q * rng.uniform(0.95, 1.1, Q.shape))
     free, _, _ = refine(X, 0.9 * Q, 5)
-    assert (np.abs(free) > IIWA_7.position_limits).any()
+    assert (np.abs(free) > IIWA_7.upper).any()
     q, position, _ = refine(X, 0.9 * Q, 5, limit_margin=0.05)
-    assert (np.abs(q) <= IIWA_7.position_limits - 0.05).all()
+    assert (np.abs(q) <= IIWA_7.upper - 0.05).all()
     left = np.linalg.norm(forward_kinematics(q)[:, :3, 3] - X[:, :3, 3], axis=1)
     np.testing.assert_allclose(position, left, atol=1e-12)
 

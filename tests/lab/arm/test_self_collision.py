@@ -47,9 +47,7 @@ def mixed_configurations(n, seed):
     folded = Q[n // 2 :]
     folded[:, [2, 4]] *= 0.2
     folded[:, [1, 3, 5]] = np.sign(folded[:, :1]) * np.abs(folded[:, [1, 3, 5]]) * (1, -1, 1)
-    folded[:, [1, 3]] = (
-        folded[:, [1, 3]] + np.sign(folded[:, [1, 3]]) * IIWA_7.position_limits[1]
-    ) / 2
+    folded[:, [1, 3]] = (folded[:, [1, 3]] + np.sign(folded[:, [1, 3]]) * IIWA_7.upper[1]) / 2
     return Q
 
 
@@ -238,7 +236,7 @@ def test_left_out_pairs_stay_apart(reference):
     checked = {(names[a], names[b]) for a, b in IIWA_7.pairs}
     pairs = [(reference.names[a], reference.names[b]) for a, b in reference.pairs]
     assert checked < set(pairs)
-    rng, bound = np.random.default_rng(6), IIWA_7.position_limits
+    rng, bound = np.random.default_rng(6), IIWA_7.upper
     Q = random_configurations(3000, seed=5)
     Q = np.where(rng.random(Q.shape) < 0.3, np.sign(Q) * bound, Q)
     D = reference.self_distances(Q, 0.15)

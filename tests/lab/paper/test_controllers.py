@@ -48,7 +48,7 @@ def test_ports_are_those_of_all_controllers(make, ports):
 def test_nothing_is_enforced(make, safe):
     """The same state near a limit: the paper's law goes on, the safe one does not."""
     q = HOME.copy()
-    q[5] = IIWA_7.position_limits[5] - 0.011
+    q[5] = IIWA_7.upper[5] - 0.011
     spin = SpatialVelocity([0.0, -6.0, 0.0], [0.0, 0.0, 0.0])
     qd, kept = (Bench(each, q=q, velocity=spin).command() for each in (make, safe))
     lower, upper = SafetyFilter().problem(q, np.zeros(7))[1][:2, :7]

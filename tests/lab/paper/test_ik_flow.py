@@ -95,7 +95,7 @@ def test_log_density_is_the_log_determinant_of_the_jacobian(network):
 def test_latents_are_zero_and_one_at_the_limits(small_flow):
     X = reachable_poses(50, seed=8)
     for sign, expected in ((-1.0, 0.0), (1.0, 1.0)):
-        u, _ = small_flow.forward(X, np.tile(sign * IIWA_7.position_limits, (50, 1)))
+        u, _ = small_flow.forward(X, np.tile(sign * IIWA_7.upper, (50, 1)))
         np.testing.assert_allclose(u, expected, atol=1e-9)
 
 
@@ -134,14 +134,14 @@ def test_the_trained_flow_is_calibrated(flow):
     u, log_density = flow.forward(forward_kinematics(q), q)
     assert kstest(u[:, 0], "uniform").statistic < 0.04
     # Uniform over the limits, it would be minus the logarithm of their volume.
-    assert log_density.mean() > -np.log(2.0 * IIWA_7.position_limits).sum() + 25.0
+    assert log_density.mean() > -np.log(2.0 * IIWA_7.upper).sum() + 25.0
 
 
 def test_samples_are_inside_the_limits_and_close_to_their_poses(flow):
     X = reachable_poses(300, seed=13)
     q = flow.sample(X, per_pose=3)
     assert q.shape == (300, 3, 7)
-    assert (np.abs(q) <= IIWA_7.position_limits).all()
+    assert (np.abs(q) <= IIWA_7.upper).all()
     error = np.linalg.norm(forward_kinematics(q)[..., :3, 3] - X[:, None, :3, 3], axis=-1)
     assert np.median(error) < 0.02
 
@@ -149,7 +149,7 @@ def test_samples_are_inside_the_limits_and_close_to_their_poses(flow):
 def test_three_steps_bring_most_solutions_onto_their_poses(flow):
     X = reachable_poses(1000, seed=14)
     q = flow.solve(X)
-    assert (np.abs(q) <= IIWA_7.position_limits).all()
+    assert (np.abs(q) <= IIWA_7.upper).all()
     reached = forward_kinematics(q)
     position = np.linalg.norm(reached[:, :3, 3] - X[:, :3, 3], axis=1)
     angle = se3.rotation_angle(np.swapaxes(reached[:, :3, :3], 1, 2) @ X[:, :3, :3])

@@ -82,7 +82,7 @@ def field(solutions, X, length_scale):
     for k, node in enumerate(nodes):
         flange_pose_kernel(X, solutions.X_OG[k], 0.0, X_GF, X_WF)
         assert solve_kernel(IIWA_7.chain, X_WF, solutions.branch[k], solutions.arm_angle[k], node)
-    limits = IIWA_7.position_limits - IIWA_7.position_margin
+    limits = IIWA_7.upper - IIWA_7.position_margin
     nodes = nodes[(np.abs(nodes) <= limits).all(axis=1)]
 
     def kernel(a, b):

@@ -125,7 +125,7 @@ def test_paper_in_joint_space_is_distance_times_gradient():
     run = Run("{control: {controller: joint, mode: paper}}", 2.0)
     assert run.config.control.options["source"] == "flow"
     nodes, q, h = run.configurations(), run.q, 1e-6
-    inside = (np.abs(nodes) <= IIWA_7.position_limits - IIWA_7.position_margin).all(axis=1)
+    inside = (np.abs(nodes) <= IIWA_7.upper - IIWA_7.position_margin).all(axis=1)
     nodes = nodes[inside]
     assert 20 < len(nodes) <= 100
 

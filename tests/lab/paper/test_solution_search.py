@@ -192,7 +192,7 @@ def test_random_configurations_and_objects_give_finite_solutions(ring_of_grasps)
     for k in range(30):
         X = se3.random_pose(rng, 1)[0]
         X[:3, 3] = rng.uniform(-0.8, 0.8, 3)
-        q = rng.uniform(-1, 1, 7) * IIWA_7.position_limits
+        q = rng.uniform(-1, 1, 7) * IIWA_7.upper
         offered = ring_of_grasps.X_OG[rng.random(len(ring_of_grasps)) < rng.random()]
         solutions = keep.update(solutions, k * PERIOD, offered, X, q)
         for array in (solutions.arm_angle, solutions.cost, solutions.length_scale):

@@ -45,7 +45,7 @@ def placed(solutions, X_WO):
 @settings(max_examples=50)
 def test_where_the_object_is_still_the_configurations_are_what_they_were(seed):
     rng = np.random.default_rng(seed)
-    q = rng.uniform(-1, 1, (5, 7)) * (IIWA_7.position_limits - IIWA_7.position_margin)
+    q = rng.uniform(-1, 1, (5, 7)) * (IIWA_7.upper - IIWA_7.position_margin)
     X_WO = se3.random_pose(rng, 1)[0]
     _, found, index = placed(solutions_at(q, X_WO), X_WO)
     np.testing.assert_array_equal(index, np.arange(5))
@@ -56,12 +56,12 @@ def test_where_the_object_is_still_the_configurations_are_what_they_were(seed):
 @settings(max_examples=50)
 def test_they_reach_their_grasps_wherever_the_object_goes(seed):
     rng = np.random.default_rng(seed)
-    q, X_WO = rng.uniform(-1, 1, (8, 7)) * IIWA_7.position_limits, se3.random_pose(rng, 1)[0]
+    q, X_WO = rng.uniform(-1, 1, (8, 7)) * IIWA_7.upper, se3.random_pose(rng, 1)[0]
     solutions = solutions_at(q, X_WO)
     X_WO = se3.extrapolate(X_WO, rng.normal(scale=0.2, size=6), 1.0)
     X_WF, found, index = placed(solutions, X_WO)
     # Where the arm may not go there is no solution, or it would be stopped on its way and stay.
-    assert (np.abs(found) <= IIWA_7.position_limits - IIWA_7.position_margin).all()
+    assert (np.abs(found) <= IIWA_7.upper - IIWA_7.position_margin).all()
     np.testing.assert_array_equal(branches_of(found), solutions.branch[index])
     targets = X_WO @ solutions.X_OG[index]
     np.testing.assert_allclose(X_WF @ X_FG, targets, atol=1e-9)
@@ -69,7 +69,7 @@ def test_they_reach_their_grasps_wherever_the_object_goes(seed):
 
 
 def test_what_is_out_of_reach_or_no_pose_is_left_out():
-    q = np.random.default_rng(0).uniform(-0.5, 0.5, (4, 7)) * IIWA_7.position_limits
+    q = np.random.default_rng(0).uniform(-0.5, 0.5, (4, 7)) * IIWA_7.upper
     solutions = solutions_at(q, np.eye(4))
     for X_WO in (se3.make_pose(np.eye(3), [3.0, 0.0, 0.0]), np.full((4, 4), np.nan)):
         assert len(placed(solutions, X_WO)[2]) == 0
@@ -79,7 +79,7 @@ def test_what_is_out_of_reach_or_no_pose_is_left_out():
 def test_their_velocity_is_that_of_the_jacobian_at_a_fixed_arm_angle(seed):
     """``J qd`` is the twist of the flange, and the arm angle stays."""
     rng = np.random.default_rng(seed)
-    q = rng.uniform(-0.7, 0.7, 7) * IIWA_7.position_limits
+    q = rng.uniform(-0.7, 0.7, 7) * IIWA_7.upper
     q[[1, 3, 5]] = rng.choice([-1.0, 1.0], 3) * rng.uniform(0.4, 1.6, 3)  # not singular
     X_WF, J = pose_and_jacobian(q)
     V_WO, p_WO = rng.normal(size=6), rng.normal(size=3)
@@ -95,7 +95,7 @@ def test_their_velocity_is_that_of_the_jacobian_at_a_fixed_arm_angle(seed):
 
 def test_what_is_fed_forward_is_the_mean():
     rng = np.random.default_rng(1)
-    q = rng.uniform(-0.6, 0.6, (3, 7)) * IIWA_7.position_limits
+    q = rng.uniform(-0.6, 0.6, (3, 7)) * IIWA_7.upper
     solutions, X_WO = solutions_at(q, np.eye(4)), np.eye(4)
     X_WF, found, index = placed(solutions, X_WO)
 

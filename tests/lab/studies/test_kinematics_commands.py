@@ -94,7 +94,7 @@ def test_wrong_verdicts_are_seen(tmp_path, monkeypatch):
 
 def test_folded_configurations_are_inside_limits_and_often_collide():
     Q = evaluate.folded_configurations(2000, np.random.default_rng(0))
-    assert (np.abs(Q) <= IIWA_7.position_limits).all()
+    assert (np.abs(Q) <= IIWA_7.upper).all()
     assert 0.1 < evaluate.in_collision(Q).mean() < 0.4
 
 

@@ -104,6 +104,6 @@ def test_samples_are_free_and_fit_their_poses():
     q, X = training_batch(np.random.default_rng(0), 2000)
     assert 1900 < len(q) < 2000  # some are in self-collision
     assert not in_collision(q).any()
-    assert (np.abs(q) <= IIWA_7.position_limits).all()
-    assert np.abs(q / IIWA_7.position_limits).max(axis=0).min() > 0.99
+    assert (np.abs(q) <= IIWA_7.upper).all()
+    assert np.abs(q / IIWA_7.upper).max(axis=0).min() > 0.99
     np.testing.assert_array_equal(X, forward_kinematics(q))

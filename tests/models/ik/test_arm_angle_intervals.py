@@ -11,7 +11,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 
 
 def random_configurations(n, seed=0, share=1.0):
-    limits = share * IIWA_7.position_limits
+    limits = share * IIWA_7.upper
     return np.random.default_rng(seed).uniform(-limits, limits, (n, 7))
 
 
@@ -68,10 +68,7 @@ def contains(intervals, psi):
 def scan(X, margin, psis):
     """How far every branch is inside the limits, shape (len(psis), 8) [rad]."""
     return np.array(
-        [
-            (IIWA_7.position_limits - margin - np.abs(closed_form(X, psi))).min(axis=1)
-            for psi in psis
-        ]
+        [(IIWA_7.upper - margin - np.abs(closed_form(X, psi))).min(axis=1) for psi in psis]
     )
 
 
@@ -110,7 +107,7 @@ def test_windows_too_narrow_for_a_grid_are_found():
     narrow = 0
     for q in random_configurations(3000, seed=3, share=0.95):
         joints = rng.choice(7, 3, replace=False)
-        q[joints] = np.sign(q[joints]) * (IIWA_7.position_limits[joints] - 1e-4)
+        q[joints] = np.sign(q[joints]) * (IIWA_7.upper[joints] - 1e-4)
         X = forward_kinematics(q)
         intervals = arm_angle_intervals(X)
         assert any(contains(found, arm_angle(q)) for found in intervals)

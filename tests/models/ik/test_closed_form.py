@@ -201,10 +201,10 @@ def test_nearest_inside_limits_is_the_best_of_all_branches():
     poses = forward_kinematics(random_configurations(60, seed=9))
     psis, margin = np.linspace(-np.pi, np.pi, 16, endpoint=False), 0.2
     for X in poses:
-        near = rng.uniform(-IIWA_7.position_limits, IIWA_7.position_limits)
+        near = rng.uniform(-IIWA_7.upper, IIWA_7.upper)
         found, times = nearest_inside_limits(X[None], near, psis, margin)
         candidates = np.concatenate([closed_form(X, psi) for psi in psis])
-        inside = (np.abs(candidates) <= IIWA_7.position_limits - margin).all(axis=1)
+        inside = (np.abs(candidates) <= IIWA_7.upper - margin).all(axis=1)
         if not inside.any():
             assert np.isinf(times[0]) and np.isnan(found).all()
             continue
@@ -230,7 +230,7 @@ def test_nearest_inside_limits_at_singular_poses():
     finite = np.isfinite(times)
     assert finite.mean() > 0.5
     assert pose_error(found[finite], poses[finite]) < 1e-11
-    assert (np.abs(found[finite]) <= IIWA_7.position_limits).all()
+    assert (np.abs(found[finite]) <= IIWA_7.upper).all()
     np.testing.assert_allclose(
         times[finite], np.max(np.abs(found[finite]) / IIWA_7.velocity_limits, axis=1), atol=1e-12
     )
@@ -253,12 +253,12 @@ def test_fast_atan2():
 
 def test_inside_limits():
     margin = 0.1
-    assert inside_limits_kernel(IIWA_7.chain, IIWA_7.position_limits - 0.11, margin)
-    assert inside_limits_kernel(IIWA_7.chain, -IIWA_7.position_limits + 0.11, margin)
+    assert inside_limits_kernel(IIWA_7.chain, IIWA_7.upper - 0.11, margin)
+    assert inside_limits_kernel(IIWA_7.chain, -IIWA_7.upper + 0.11, margin)
     for joint in range(7):
         for sign in (-1, 1):
             q = np.zeros(7)
-            q[joint] = sign * (IIWA_7.position_limits[joint] - 0.09)
+            q[joint] = sign * (IIWA_7.upper[joint] - 0.09)
             assert not inside_limits_kernel(IIWA_7.chain, q, margin)
             assert inside_limits_kernel(IIWA_7.chain, q, 0.0)
 

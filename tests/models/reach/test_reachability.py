@@ -25,7 +25,7 @@ def random_configurations(n, seed=0):
 
 def plainly_admissible(q, reachability=REACHABILITY):
     """The three conditions one by one."""
-    inside = (np.abs(q) <= IIWA_7.position_limits - reachability.limit_margin).all()
+    inside = (np.abs(q) <= IIWA_7.upper - reachability.limit_margin).all()
     above = table_distances(q, reachability.table_height).min()
     return bool(inside and min(min_distance(q), above) >= reachability.clearance)
 
@@ -73,7 +73,7 @@ def test_solutions_reach_the_pose_free_of_contact_in_drake(cell):
         contacts, reached = cell.penetrations(q)
         assert not contacts
         np.testing.assert_allclose(reached, X, atol=1e-9)
-        assert (np.abs(q) <= IIWA_7.position_limits - REACHABILITY.limit_margin).all()
+        assert (np.abs(q) <= IIWA_7.upper - REACHABILITY.limit_margin).all()
 
 
 def test_the_drake_cell_does_find_contacts(cell):
@@ -182,9 +182,7 @@ def test_verdicts_are_those_of_a_dense_search(random_poses):
         if verdict == "wrist out of reach":
             assert np.isnan(candidates).all()
             continue
-        inside = (np.abs(candidates) <= IIWA_7.position_limits - REACHABILITY.limit_margin).all(
-            axis=1
-        )
+        inside = (np.abs(candidates) <= IIWA_7.upper - REACHABILITY.limit_margin).all(axis=1)
         found = REACHABILITY.admissible(candidates).any()
         if verdict == "reachable":
             wrong += not found  # a window that is narrower than the scan's step
@@ -210,7 +208,7 @@ def test_narrow_windows_between_limits_are_not_missed():
     Q = random_configurations(4000, seed=12) * 0.9
     for q in Q:
         joints = rng.choice(7, 3, replace=False)
-        q[joints] = np.sign(q[joints]) * (IIWA_7.position_limits[joints] - 0.05 - 1e-4)
+        q[joints] = np.sign(q[joints]) * (IIWA_7.upper[joints] - 0.05 - 1e-4)
     Q = Q[REACHABILITY.admissible(Q)]
     X_WG = forward_kinematics(Q, REACHABILITY.gripper.X_FG)
     psis = np.linspace(-np.pi, np.pi, 12, endpoint=False)

@@ -74,7 +74,7 @@ def folded_configurations(n, seed):
     q = IIWA_7.random_positions(rng, n)
     q[:, [2, 4]] *= 0.3
     signs = np.sign(q[:, :1]) * (1, -1, 1)
-    q[:, [1, 3, 5]] = signs * IIWA_7.position_limits[[1, 3, 5]] * rng.uniform(0.6, 1.0, (n, 3))
+    q[:, [1, 3, 5]] = signs * IIWA_7.upper[[1, 3, 5]] * rng.uniform(0.6, 1.0, (n, 3))
     return q
 
 

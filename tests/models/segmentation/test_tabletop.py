@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.segmentation.tabletop import object_on_table, support_plane
+from feasigrasp.models.segmentation.tabletop import object_on_table, support_plane, tabletop
 
 
 def table(rng, n=8000):
@@ -71,3 +71,14 @@ def test_the_support_is_under_the_body_and_none_of_its_faces():
     assert support_plane(table, low, p_WC, 0.005) is None
     found = support_plane(table, low, p_WC, 0.005, [np.array([0.0, 0.0, 1.0, 0.01])])
     np.testing.assert_allclose(found, [0.0, 0.0, 1.0, 0.0], atol=1e-3)
+
+
+def test_of_a_box_seen_from_above_the_top_is_found():
+    """Its foot is hidden: nothing is seen between its top and the table."""
+    rng, height = np.random.default_rng(0), 0.12
+    table = rng.uniform([-0.4, -0.4, 0.8], [0.4, 0.4, 0.801], (40000, 3))
+    shade = np.abs(table[:, :2]).max(axis=1) < 0.05 * 0.8 / (0.8 - height)
+    top = rng.uniform([-0.05, -0.05, 0.8 - height], [0.05, 0.05, 0.8 - height + 1e-3], (2000, 3))
+    mask, plane = tabletop(np.concatenate([table[~shade], top]))
+    assert mask[-2000:].all() and not mask[:-2000].any()
+    np.testing.assert_allclose(plane, [0.0, 0.0, -1.0, 0.8], atol=2e-3)

@@ -71,7 +71,7 @@ def test_the_forearm_leaves_room_for_the_wrist(reference):
         ("iiwa_link_5", "iiwa_link_7")
     )
     Q = np.zeros((25, 7))
-    Q[:, 5] = np.linspace(-1, 1, 25) * IIWA_7.position_limits[5]
+    Q[:, 5] = np.linspace(-1, 1, 25) * IIWA_7.upper[5]
     distances = reference.self_distances(Q)[:, k]
     assert (distances[1:-1] > 0.0).all() and distances[12] > 0.03
     Q[:, 5] *= 1.1  # beyond the limit it does collide

@@ -268,7 +268,7 @@ READY = np.deg2rad([0, 30, 0, -60, 0, 90, 0])
 
 def test_a_harmless_posture_is_harmless():
     x = sample(READY)
-    assert x["limit_margin"] == pytest.approx(np.min(IIWA_7.position_limits - np.abs(READY)))
+    assert x["limit_margin"] == pytest.approx(np.min(IIWA_7.upper - np.abs(READY)))
     assert x["velocity_ratio"] == 0.0
     assert np.isnan(x["grasp_position_error"])
     assert [x[f"p_WO_{axis}"] for axis in "xyz"] == [0.5, 0.0, 0.5]

@@ -60,7 +60,7 @@ def straight(goal, speed):
 @pytest.mark.parametrize("speed", [1.0, 0.3])
 @pytest.mark.parametrize("seed", range(8))
 def test_no_request_leads_into_the_arm_itself_or_the_table(seed, speed):
-    rng, limit = np.random.default_rng(seed), IIWA_7.position_limits - 0.1
+    rng, limit = np.random.default_rng(seed), IIWA_7.upper - 0.1
     goal = START
     while clearance(goal) > -0.03:
         goal = rng.uniform(-limit, limit)

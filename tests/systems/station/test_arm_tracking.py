@@ -106,7 +106,7 @@ def test_the_share_of_the_accelerations_is_what_the_servo_overshoots(cell):
     It is reached by commands that switch with the sign of the response, so no smaller share would
     do at the worst of these configurations, and the share sent is one over the worst.
     """
-    rng, limit = np.random.default_rng(0), IIWA_7.position_limits
+    rng, limit = np.random.default_rng(0), IIWA_7.upper
     A, gains = IIWA_7.acceleration_limits, []
     for q in rng.uniform(-limit, limit, size=(60, 7)):
         after = np.abs(response(mass_matrix(cell, q)))

@@ -140,7 +140,7 @@ def test_let_go_the_object_falls(blind):
 def test_end_stops_and_torque_limits_are_there_only_in_safe_mode(mode, free):
     cell = Cell(scenario(mode=mode)).start()
     beyond = HOME.copy()
-    beyond[0] = IIWA_7.position_limits[0] + 0.2
+    beyond[0] = IIWA_7.upper[0] + 0.2
     cell.fix("iiwa.desired_state", np.r_[beyond, np.zeros(7)])
     plant = cell.station.plant
     near = beyond - np.r_[0.3, np.zeros(6)]
@@ -153,10 +153,10 @@ def test_end_stops_and_torque_limits_are_there_only_in_safe_mode(mode, free):
     np.testing.assert_array_equal(efforts, np.full(7, np.inf) if free else IIWA_7.effort_limits)
     if free:
         left = 0.3 * np.exp(-2.0 * IIWA_7.kp[0] / IIWA_7.kd[0])
-        assert IIWA_7.position_limits[0] + 0.1 < reached
+        assert IIWA_7.upper[0] + 0.1 < reached
         assert reached == pytest.approx(beyond[0] - left, abs=5e-3)
     else:
-        assert reached == pytest.approx(IIWA_7.position_limits[0], abs=0.02)
+        assert reached == pytest.approx(IIWA_7.upper[0], abs=0.02)
 
 
 def test_a_fresh_context_is_a_fresh_trial(blind):

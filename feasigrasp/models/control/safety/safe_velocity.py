@@ -129,10 +129,7 @@ class SafetyOptions:
                     f"SafetyOptions.{name} = {getattr(self, name)}: give a share of the limit, "
                     "at most 1"
                 )
-        speed, acceleration = self.speed * self.velocity_scale, self.acceleration_scale
-        most = float(
-            np.min(acceleration * self.arm.acceleration_limits / (speed * self.arm.velocity_limits))
-        )
+        most = self.arm.braking_rate(self.speed * self.velocity_scale, self.acceleration_scale)
         if self.approach_gain > most:
             raise ControlError(
                 f"SafetyOptions.approach_gain = {self.approach_gain}: a joint at full speed could "

@@ -235,7 +235,7 @@ def test_costs_decide_where_to_go_and_leave_no_false_end(ik_like_solutions):
     field = fit_joint_field(ik_like_solutions, None, cost)
     worth_it = field.cost == cost
     assert 3 < worth_it.sum() < len(cost)
-    for q in rng.uniform(-1, 1, (12, 7)) * IIWA_7.position_limits:
+    for q in rng.uniform(-1, 1, (12, 7)) * IIWA_7.upper:
         end = descended_without_costs(field, q)
         r = np.linalg.norm(ik_like_solutions - end, axis=1)
         assert r.min() < 2e-3 and worth_it[r.argmin()]
@@ -249,7 +249,7 @@ def descended_without_costs(field, q, steps=1000, dt=0.02, gain=5.0, speed=2.0):
 
 
 def distance_left(field, n_starts=12, seed=5):
-    starts = np.random.default_rng(seed).uniform(-1, 1, (n_starts, 7)) * IIWA_7.position_limits
+    starts = np.random.default_rng(seed).uniform(-1, 1, (n_starts, 7)) * IIWA_7.upper
     ends = np.array([descended(field, q) for q in starts])
     return np.linalg.norm(ends[:, None] - field.q[None], axis=2).min(axis=1)
 
@@ -258,7 +258,7 @@ def distance_left(field, n_starts=12, seed=5):
 def ik_like_solutions():
     """Clusters like those of neighbouring grasps, one per branch of the inverse kinematics."""
     rng = np.random.default_rng(6)
-    centers = rng.uniform(-0.8, 0.8, (6, 7)) * IIWA_7.position_limits
+    centers = rng.uniform(-0.8, 0.8, (6, 7)) * IIWA_7.upper
     return np.repeat(centers, 5, axis=0) + rng.normal(scale=0.1, size=(30, 7))
 
 

@@ -159,7 +159,7 @@ def test_plans_keep_velocities_and_accelerations(run):
         change = np.abs(np.diff(plan.v, axis=0))
         assert (change <= program.h[:, None] * program.most_a + 1e-6).all()
     assert max(np.abs(plan.v / program.most_v).max() for plan in plans) > 0.7
-    assert (np.abs(q) <= np.array(IIWA_7.position_limits) - IIWA_7.position_margin).all()
+    assert (np.abs(q) <= np.array(IIWA_7.upper) - IIWA_7.position_margin).all()
 
 
 @both_spaces

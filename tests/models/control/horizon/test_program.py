@@ -55,11 +55,11 @@ def test_a_far_target_is_gone_for_at_the_limits_and_not_beyond(sign):
 
 
 def test_a_position_limit_is_approached_as_the_safety_filter_does():
-    q = IIWA_7.position_limits - 0.1
+    q = IIWA_7.upper - 0.1
     v = np.zeros((N + 1, 7))
     H = np.tile(1000.0 * np.eye(7), (N, 1, 1))
     g = 1000.0 * (positions(q, v, OPTIONS) - (q + 1.0))
     found = solve_program(q, v, Form(H, g, np.zeros((N, 7))), OPTIONS)
-    left = IIWA_7.position_limits - OPTIONS.safety.position_margin - positions(q, found, OPTIONS)
+    left = IIWA_7.upper - OPTIONS.safety.position_margin - positions(q, found, OPTIONS)
     assert left.min() > -1e-3
     assert (found[1:] - OPTIONS.safety.approach_gain * left).max() < 0.02

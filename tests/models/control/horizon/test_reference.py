@@ -144,7 +144,7 @@ def test_velocities_that_no_joint_has_are_none():
 
 def test_of_the_standoff_as_much_is_kept_as_the_joint_limits_allow():
     """The elbow is bent as far as it goes: the hand cannot draw back by all of it."""
-    limits = np.array(IIWA_7.position_limits) - IIWA_7.position_margin
+    limits = np.array(IIWA_7.upper) - IIWA_7.position_margin
     shares = []
     for bend in np.linspace(0.0, 0.3, 13):
         q_grasp = np.array([0.1, 0.3, 0.1, limits[3] - bend, 0.1, 1.0, 0.1])

@@ -13,7 +13,7 @@ from feasigrasp.models.control.safety.velocity_limits import (
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 A, V = IIWA_7.acceleration_share * IIWA_7.acceleration_limits, IIWA_7.velocity_limits
-LIMIT = IIWA_7.position_limits - IIWA_7.position_margin
+LIMIT = IIWA_7.upper - IIWA_7.position_margin
 LEAD = 0.1
 
 
@@ -127,7 +127,7 @@ def test_a_blocked_arm_is_waited_for():
 
 
 def test_from_outside_the_limits_the_way_back_is_open():
-    outside = 1.02 * IIWA_7.position_limits
+    outside = 1.02 * IIWA_7.upper
     path, _ = sent(outside, np.full((400, 7), -0.5))
     assert (path[-1] < LIMIT).all()
     stays, _ = sent(outside, np.full((400, 7), 0.5))

@@ -28,7 +28,7 @@ def vectors(element, n):
 
 
 #: Configurations up to 50 % outside the limits.
-positions = vectors(st.floats(-1.5, 1.5), 7).map(lambda x: x * IIWA_7.position_limits)
+positions = vectors(st.floats(-1.5, 1.5), 7).map(lambda x: x * IIWA_7.upper)
 
 
 def clearance(q):
@@ -131,7 +131,7 @@ def test_a_request_that_is_too_fast_is_cut_per_joint():
 
 def test_outside_a_limit_it_leads_back():
     q = HOME.copy()
-    q[4] = IIWA_7.position_limits[4] + 0.1
+    q[4] = IIWA_7.upper[4] + 0.1
     assert SAFETY.velocity(q, np.zeros(7))[4] <= -0.99 * OPTIONS.approach_gain * 0.1
     assert SAFETY.velocity(q, np.full(7, 0.3))[4] <= -0.99 * OPTIONS.approach_gain * 0.1
 
@@ -141,7 +141,7 @@ def near_collision(n, closer_than, seed):
     rng = np.random.default_rng(seed)
     found = []
     while len(found) < n:
-        q = rng.uniform(-0.95, 0.95, 7) * IIWA_7.position_limits
+        q = rng.uniform(-0.95, 0.95, 7) * IIWA_7.upper
         if OPTIONS.clearance < clearance(q) < closer_than:
             found.append(q)
     return found
@@ -161,7 +161,7 @@ def test_bodies_that_are_too_close_are_pushed_apart():
     rng = np.random.default_rng(2)
     checked = 0
     while checked < 10:
-        q = rng.uniform(-0.9, 0.9, 7) * IIWA_7.position_limits
+        q = rng.uniform(-0.9, 0.9, 7) * IIWA_7.upper
         if not 0.0 < clearance(q) < 0.8 * OPTIONS.clearance:
             continue
         before = clearance(q)
@@ -194,8 +194,8 @@ def starts(n, rng, margin=0.02):
     """Configurations at rest inside the limits and clear of everything."""
     found = []
     while len(found) < n:
-        q = rng.uniform(-1, 1, 7) * IIWA_7.position_limits
-        if np.abs(q / IIWA_7.position_limits).max() < 0.98 and clearance(q) > margin:
+        q = rng.uniform(-1, 1, 7) * IIWA_7.upper
+        if np.abs(q / IIWA_7.upper).max() < 0.98 and clearance(q) > margin:
             found.append(q)
     return found
 
@@ -216,7 +216,7 @@ def test_no_request_leads_out_of_the_limits_or_into_contact(name, accelerations)
             if accelerations:
                 assert (np.abs(qd - last) <= change * (1 + 1e-9)).all()
             last, q = qd, q + OPTIONS.period * qd
-            assert (np.abs(q) <= IIWA_7.position_limits - OPTIONS.position_margin + 1e-9).all()
+            assert (np.abs(q) <= IIWA_7.upper - OPTIONS.position_margin + 1e-9).all()
             assert clearance(q) > 0.97 * OPTIONS.clearance
         assert np.abs(q - start).max() > 0.01
 

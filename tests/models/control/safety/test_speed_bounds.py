@@ -29,7 +29,7 @@ def velocity_bounds(q, options, qd_last=None):
 
 
 positions = st.lists(st.floats(-1.5, 1.5), min_size=7, max_size=7).map(
-    lambda x: np.array(x) * IIWA_7.position_limits
+    lambda x: np.array(x) * IIWA_7.upper
 )
 
 
@@ -39,7 +39,7 @@ def test_bounds_lead_away_from_the_limits_and_fade_towards_them(q):
     lower, upper = velocity_bounds(q, OPTIONS)
     assert (lower <= upper).all()
     assert (np.abs(lower) <= CAPACITY).all() and (np.abs(upper) <= CAPACITY).all()
-    room = IIWA_7.position_limits - OPTIONS.position_margin - np.abs(q)
+    room = IIWA_7.upper - OPTIONS.position_margin - np.abs(q)
     towards = np.where(q > 0, upper, -lower)
     inside = room > 0
     assert (towards[inside] >= 0).all() and (towards[~inside] <= 0).all()
@@ -76,7 +76,7 @@ def test_the_interval_is_never_empty_and_no_limit_is_ever_passed(kind, period):
     """What the proof in `velocity_limits` says, over 3000 steps."""
     options = SafetyOptions(period=period)
     rng = np.random.default_rng(1)
-    limit = IIWA_7.position_limits - options.position_margin
+    limit = IIWA_7.upper - options.position_margin
     change = options.acceleration_scale * IIWA_7.acceleration_limits * period
     q, last = rng.uniform(-0.99, 0.99, 7) * limit, np.zeros(7)
     nearest = np.full(7, np.inf)
