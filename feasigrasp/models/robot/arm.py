@@ -43,6 +43,22 @@ class Family(IntEnum):
     PARALLEL = 2
 
 
+def meeting_point(axes: Array, points: Array) -> tuple[Array, float]:
+    """The point nearest to lines in the sense of least squares, and the farthest of them from it.
+
+    Args:
+        axes: Their directions, shape (k, 3).
+        points: A point on each, shape (k, 3) [m].
+
+    Returns:
+        Shape (3,) [m]; and a distance [m].
+    """
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    meeting = np.linalg.lstsq(across.sum(0), np.einsum("kij,kj->i", across, points))[0]
+    away = np.einsum("kij,kj->ki", across, meeting - points)
+    return meeting, float(np.linalg.norm(away, axis=1).max())
+
+
 class DriverLimits(NamedTuple):
     """Limits of the real arm's driver; without effect in simulation. One entry per joint.
 
@@ -172,16 +188,13 @@ class Arm(Frozen):
         Raises:
             ArgumentError: They do not.
         """
-        axes, points = self.axes[[*joints]], self.points[[*joints]]
-        across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-        meeting = np.linalg.lstsq(across.sum(0), np.einsum("kij,kj->i", across, points))[0]
-        apart = np.abs(np.einsum("kij,kj->ki", across, meeting - points)).max()
+        meeting, apart = meeting_point(self.axes[[*joints]], self.points[[*joints]])
         if apart > MEETING_TOLERANCE:
             raise ArgumentError(
                 f"axes {', '.join(str(j + 1) for j in joints)} of {self.name} miss each other by "
                 f"{1e3 * apart:.3g} mm; give another family than {self.family.name}"
             )
-        return np.asarray(meeting)
+        return meeting
 
     @property
     def joints(self) -> int:

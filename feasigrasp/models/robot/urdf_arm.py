@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -12,11 +11,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import trimesh
 from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import ArgumentError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.robot.arm import MEETING_TOLERANCE
+from feasigrasp.models.robot.arm import MEETING_TOLERANCE, meeting_point
 
 #: Axes that are off a coordinate axis by less are along it: digits of model files [rad]. Source:
 #: numerical.
@@ -59,12 +59,8 @@ def _origin(element: ET.Element) -> Array:
     found = element.find("origin")
     values = {} if found is None else found.attrib
     x, y, z = (float(v) for v in values.get("xyz", "0 0 0").split())
-    roll, pitch, yaw = (float(v) for v in values.get("rpy", "0 0 0").split())
-    turns = ((yaw, [0, 0, 1.0]), (pitch, [0, 1.0, 0]), (roll, [1.0, 0, 0]))
-    R = np.eye(3)
-    for angle, axis in turns:
-        R = R @ se3.so3_exp(angle * np.array(axis))
-    return se3.make_pose(R, np.array([x, y, z]))
+    R = Rotation.from_euler("xyz", [float(v) for v in values.get("rpy", "0 0 0").split()])
+    return se3.make_pose(R.as_matrix(), np.array([x, y, z]))
 
 
 def _value(element: ET.Element, tag: str, key: str) -> str:
@@ -214,22 +210,13 @@ def _family(joints: list[dict[str, Any]]) -> str:
     h = np.array([joint["axis"] for joint in joints], dtype=float)
     p = np.array([joint["point"] for joint in joints])
 
-    def meet(i: int, j: int) -> bool:
-        across = np.cross(h[i], h[j])
-        return bool(across.any() and abs((p[j] - p[i]) @ across) < MEETING_TOLERANCE)
+    def meet(*which: int) -> bool:
+        return meeting_point(h[[*which]], p[[*which]])[1] < MEETING_TOLERANCE
 
-    def all_meet(*which: int) -> bool:
-        # Neighbours meet, and the first and the last in the same point as they.
-        A = sum(np.eye(3) - np.outer(h[i], h[i]) for i in which)
-        b = sum((np.eye(3) - np.outer(h[i], h[i])) @ p[i] for i in which)
-        x = np.linalg.lstsq(A, b)[0]
-        away = [np.linalg.norm(np.cross(h[i], x - p[i])) for i in which]
-        return bool(max(away) < MEETING_TOLERANCE)
-
-    if len(joints) == 7 and all_meet(0, 1, 2) and meet(4, 5):
+    wrist = len(joints) > 5 and np.cross(h[4], h[5]).any() and meet(4, 5)
+    if len(joints) == 7 and wrist and meet(0, 1, 2):
         return "shoulder_wrist"
-    parallel = not np.cross(h[1], h[2:4]).any()
-    if len(joints) == 6 and parallel and meet(4, 5):
+    if len(joints) == 6 and wrist and not np.cross(h[1], h[2:4]).any():
         return "parallel"
     raise ArgumentError(
         f"an arm of {len(joints)} joints with axes {h.astype(int).tolist()} is of no build that is "
@@ -283,8 +270,3 @@ def fitted_capsule(points: Array) -> list[float]:
         found.append(minimize(volume, start, method="Nelder-Mead", options={"maxiter": 4000}))
     ends = np.round(min(found, key=lambda each: each.fun).x, 3)
     return [*(float(v) + 0.0 for v in ends), float(np.ceil(1e3 * radius(ends)) / 1e3)]
-
-
-def possible_pairs(n: int) -> list[tuple[int, int]]:
-    """Bodies of an arm of n joints that no joint connects, nor two with a link between them."""
-    return [(a, b) for a, b in combinations(range(n + 1), 2) if b - a > 2]
