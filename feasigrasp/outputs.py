@@ -133,7 +133,7 @@ def write_json(content: dict[str, Any], filename: Path) -> None:
     """Writes JSON, whole or not at all: a killed process leaves no half a file.
 
     Raises:
-        ValueError: There is a NaN or an infinity in it, which JSON does not know.
+        ValueError: There is a NaN or an infinity in it, which JSON does not have.
         OutputError: The file cannot be written.
     """
     write_text(filename, json.dumps(content, indent=2, allow_nan=False) + "\n")

@@ -1,6 +1,6 @@
 """Tracks an object in depth and color images alone, without robot or cell.
 
-The object of the first image is what a mask shows, what somebody has drawn a box about, or what is
+The object of the first image is what a mask shows, what is in a box, or what is
 nearest to the camera. The plane under it is found in every image, and is never of it. Once the
 object has a field it is followed by that (`feasigrasp.models.segmentation.foreground`); when it is
 not found where it was expected, it is searched for by the color learnt from the first image, and
@@ -187,7 +187,7 @@ class UnaidedTracker(Frozen):
             return self
         guesses = []
         if self.plane is not None and expected is not None and self.X_WO is not None:
-            moved = expected.X_WO @ se3.inverse(self.X_WO)  # a camera that moves unknown to us
+            moved = expected.X_WO @ se3.inverse(self.X_WO)  # the camera may move
             guesses = [self.plane, se3.inverse(moved).T @ self.plane]
         middle, size = np.median(body, axis=0), float(np.linalg.norm(np.ptp(body, axis=0)))
         around = points[at.ravel()]

@@ -20,7 +20,7 @@ from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.from_scenario import station_config
 from feasigrasp.systems.station.cell_models import add_cell, robot_instances
 
-#: Meshcat path of everything that it shows, and its colour. Source: layout.
+#: Meshcat path of everything that it shows, and its color. Source: layout.
 PREFIX, COLOR = "/drake/ghost", Rgba(0.45, 0.25, 0.85, 0.35)
 
 

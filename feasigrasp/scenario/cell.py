@@ -23,7 +23,7 @@ class CarrierConfig:
             arm, and a forearm behind them; ``belt``, a level plate under it.
         hue: Hue of it, as of a glove, by which ``segmentation: depth`` separates it from the object
             [deg]: 0 is red, 120 green, 240 blue. Unless it is given nothing does; where the cell is
-            simulated it has the colour of skin then.
+            simulated it has the color of skin then.
     """
 
     stiffness: str = word(Compliance.STIFF, Compliance)

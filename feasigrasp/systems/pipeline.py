@@ -239,7 +239,7 @@ def _add_second_camera(cell: Cell, tracks_elsewhere: bool) -> None:
 
 
 def _color_image(cell: Cell, *, second: bool = False) -> OutputPort | None:
-    """A camera's colour image, where a mask function or a carrier's hue needs it.
+    """A camera's color image, where a mask function or a carrier's hue needs it.
 
     Raises:
         ScenarioError: The cell has none.
@@ -257,7 +257,7 @@ def _color_image(cell: Cell, *, second: bool = False) -> OutputPort | None:
         )
     if port is None:
         raise ScenarioError(
-            f"carrier.hue is {hue:g}, but {camera} of this cell sends no colour image; leave it out"
+            f"carrier.hue is {hue:g}, but {camera} of this cell sends no color image; leave it out"
         )
     return port
 

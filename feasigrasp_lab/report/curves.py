@@ -19,7 +19,7 @@ _AXES = {
     "speed of the rotation [rad/s]": ("spin",),
 }
 _COLORS = {"circle": "#238b45", "line": "#2171b5", "bezier": "#d94801", "spin": "#6a51a3"}
-#: Those with the camera alone are dashed, in the colours of the others.
+#: Those with the camera alone are dashed, in the colors of the others.
 _COLORS |= {camera: _COLORS[given] for camera, given in zip(CAMERA_MOTIONS, MOTIONS, strict=True)}
 #: Rows of a summary by preset and by name without ``dynamic.``.
 Rows = dict[tuple[str, str], Row]

@@ -1,4 +1,4 @@
-"""Network impairment between two message buses: delay, loss, strangers, clocks that are set."""
+"""Network impairment between two message buses: delay, loss, other senders, clock steps."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _TO_CELL = (channels.IIWA_REQUEST, channels.WSG_COMMAND)
 _FROM_CELL = (channels.IIWA_STATUS, channels.WSG_STATUS, channels.OBJECT_POSE, f"{_IMAGES}.*")
 #: What a clock is set by [s]. Source: definition.
 _SET_BY = (-3600.0, -1.0, -0.01, 0.01, 1.0, 3600.0)
-#: For so long in every second statuses are lost, and for so long a guard is stopped [s].
+#: Time in every second in which statuses are lost, and for which a guard is stopped [s].
 #: Source: definition.
 LOST = 0.15
 
@@ -102,7 +102,7 @@ class Relay:
             heapq.heappush(self._queue, (due, next(self._numbers), to, channel, data))
 
     def _of_driver(self, data: bytes) -> bytes:
-        """The arm's status, or nothing, beside what a stranger commands or requests."""
+        """The arm's status, or nothing, beside what another sender commands or requests."""
         status = lcmt_iiwa_status.decode(data)
         if self._fault is Network.STATUS_LOST and 1e-6 * status.utime % 1.0 < LOST:
             return b""

@@ -2,8 +2,8 @@
 
 A simulated cell and a controller as two processes: the runs of ``evaluate dynamic --study mocap``
 (with ``--camera``: ``reach``), and the same with a controller, a process that perceives or plans
-for it, or a guard, that is killed or stopped at random instants, with a bad network, strangers on
-it, or a driver's clock that is set; beside them the same runs in one process. Judged in the
+for it, or a guard, that is killed or stopped at random instants, with a bad network, other senders
+on it, or a driver's clock that is set; beside them the same runs in one process. Judged in the
 simulator's process.
 """
 

@@ -264,5 +264,5 @@ def _only_cloud(path: Path) -> NDArray[np.generic]:
 
 
 def _is_cloud(array: NDArray[np.generic]) -> bool:
-    # Depth and colour images have their pixels in rows, not three columns of coordinates.
+    # Depth and color images have their pixels in rows, not three columns of coordinates.
     return array.dtype.kind in "fiu" and array.ndim in (2, 3) and 3 <= array.shape[-1] <= 7

@@ -158,7 +158,7 @@ class Carrier(DistractorBody):
             kind: Which one; not ``none``.
             obj: What it carries.
             motion: Where it carries it.
-            hue: Of its colour [deg]; None for that of skin.
+            hue: Of its color [deg]; None for that of skin.
         """
         # Colour of a carrier without a hue of its own, and saturation and value of one with it.
         skin, vivid = (0.80, 0.58, 0.45), (0.9, 0.85)

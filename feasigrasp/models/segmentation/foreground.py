@@ -2,7 +2,7 @@
 
 1. What is known, the robot at its measured joints or the cell that stands still, is not the object
    (`feasigrasp.models.segmentation.modeled_bodies`), nor is what carries it, if that has a known
-   colour (`feasigrasp.models.segmentation.modeled_bodies`).
+   color (`feasigrasp.models.segmentation.modeled_bodies`).
 2. What is left is cut into components, `components`; pixels that belong to none (those that fly
    between two surfaces, above all) show nothing clear. What is too large to be grasped, such as a
    wall, is of the surroundings.

@@ -39,7 +39,7 @@ def in_color_gate(color: NDArray[np.uint8], hue_deg: float) -> Mask:
     rgb = color.reshape(-1, color.shape[-1])[:, :3].astype(np.float32) / 255.0
     red, green, blue = rgb.T
     value, least = rgb.max(axis=1), rgb.min(axis=1)
-    # The angle of the colour about the grey axis; that of HSV differs by a degree at most.
+    # The angle of the color about the grey axis; that of HSV differs by a degree at most.
     angle = np.arctan2(np.sqrt(3.0) * (green - blue), 2.0 * red - green - blue)
     off = np.abs((np.rad2deg(angle) - hue_deg + 180.0) % 360.0 - 180.0)
     vivid = value - least > least_saturation * np.maximum(value, least_value)

@@ -76,7 +76,7 @@ _GRASP_COLOR, _CLOUD_COLOR = Rgba(0.06, 0.65, 0.25), np.array([[40], [50], [65]]
 
 
 def write_perception_html(perception: Perception, filename: Path) -> None:
-    """Writes cloud, completed surface (coloured by uncertainty) and grasps as an HTML file.
+    """Writes cloud, completed surface (colored by uncertainty) and grasps as an HTML file.
 
     The object stands upright with its middle in the origin; the measured points are under
     ``/perception/cloud``, the surface under ``completion``, the grasps under ``grasps``, and the
@@ -121,7 +121,7 @@ def write_perception_html(perception: Perception, filename: Path) -> None:
 UNCERTAINTY_COLORS = LinearSegmentedColormap.from_list(
     "uncertainty", ["#1f6fe0", "#7d5fd3", "#d6409f", "#ff8a3c", "#ffd23f"]
 )
-#: Distance from the observed surface at which the colours end [m]. Source: layout.
+#: Distance from the observed surface at which the colors end [m]. Source: layout.
 MOST_UNCERTAIN = 0.03
 #: Grasps shown. Source: layout.
 MAX_SHOWN = 12

@@ -103,7 +103,7 @@ def draw_lines(
     alpha: float = 1.0,
     order: int = 3,
 ) -> None:
-    """Draws polylines, shape (n, k, 3) [m], in one colour or in one for each."""
+    """Draws polylines, shape (n, k, 3) [m], in one color or in one for each."""
     seen = viewer.project(lines)[..., :2]
     ax.add_collection(
         LineCollection(list(seen), colors=color, linewidths=width, alpha=alpha, zorder=order)

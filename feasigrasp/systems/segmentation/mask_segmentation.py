@@ -19,7 +19,7 @@ from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.modeled_bodies import Kind, ModeledBodies
 from feasigrasp.systems.ports import declare_input, declare_output
 
-#: Which pixels show the object, shape (height, width): from the colours (height, width, 3) as
+#: Which pixels show the object, shape (height, width): from the colors (height, width, 3) as
 #: uint8, the depths (height, width) [m], infinite where nothing was measured, and the time [s].
 MaskFn = Callable[[NDArray[np.uint8], NDArray[np.float32], float], Mask]
 

@@ -27,8 +27,8 @@ LATE_AT_STEP = 4.0
 #: A status is missing where none has come for the first of these, and the driver takes a command
 #: for its cycle until the second [cycles]. Source: reasoned: its next cycle begins at 2.
 MISSING, IN_TIME = 1.5, 1.8
-#: Cycles are counted without statuses where the two clocks have been compared for so long [s], and
-#: differ by this share at most. Source: reasoned: cycles are still in step when the arm has braked.
+#: Cycles are counted without statuses where both clocks were compared over this time [s], and
+#: differ by this share at most. Source: reasoned: they are in step until the arm has braked.
 COMPARED, AGREE = 0.5, 0.02
 #: A clock that comes to be faster than this computer's by more than this ratio is followed slowly,
 #: by the average over this number of cycles. Source: guessed.
