@@ -51,7 +51,7 @@ class UnaidedTracker(Frozen):
     Attributes:
         camera: The camera.
         on_table: Whether the plane under what is nearest in the first image is a table.
-        box: What somebody drew about the object in the first image: first column and row, last
+        box: Rectangle about the object in the first image: first column and row, last
             ones, shape (4,) [px].
         tracker: The tracker.
         plane: What the object stands on, in the world, shape (4,); None before the first image, or
@@ -282,6 +282,6 @@ def _of_other_color(likely: Array) -> Mask:
 
 
 def _span(first: float, end: float, size: int) -> slice:
-    """Rows or columns, at least 8 of them, of an image with so many."""
+    """Rows or columns of an image that has ``size``, at least 8 of them."""
     begin = min(max(round(first), 0), size - 8)
     return slice(begin, min(max(round(end), begin + 8), size))
