@@ -70,6 +70,7 @@ class Relay:
         self._ends = DrakeLcm(one), DrakeLcm(other)
         self._queue: list[tuple[float, int, int, str, bytes]] = []
         self._numbers = itertools.count()
+        self._rivals: set[bytes] = set()
         self._set_by = round(1e6 * float(self._rng.choice(_SET_BY)))
         # By direction: an end receives what is published on it, too. The arm's commands come from
         # where the guard is.
@@ -81,6 +82,9 @@ class Relay:
         ]
 
     def _take(self, to: int, channel: str, data: bytes) -> None:
+        if data in self._rivals:
+            self._rivals.remove(data)
+            return
         now = time.monotonic()
         copies = [now]
         if self.begun:
@@ -113,12 +117,15 @@ class Relay:
         if self._fault in (Network.RIVAL, Network.FORGED):
             command = lcmt_iiwa_command()
             command.utime, command.num_joints = status.utime + 1, status.num_joints
-            # The rival's is where the arm is held: what moves it is not the rival.
+            # A rival's do not reach the driver: what the guard does is judged, not the rival.
             q = np.array(status.joint_position_commanded)
             forged = self._fault is Network.FORGED
             command.joint_position = list(q + forged * self._rng.uniform(-0.1, 0.1, len(q)))
             channel = channels.IIWA_REQUEST if forged else channels.IIWA_COMMAND
-            self._ends[1].Publish(channel, command.encode())
+            sent: bytes = command.encode()
+            if not forged:
+                self._rivals.add(sent)
+            self._ends[1].Publish(channel, sent)
         return data
 
     def step(self) -> None:
