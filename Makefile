@@ -1,7 +1,7 @@
 # Every target sets up what it needs and is missing first; see tools/setup.sh.
 PYTHON := .venv/bin/python
 
-.PHONY: setup setup-demo demo test try-newest warm-up lint format docs wheel release clean clean-caches
+.PHONY: setup setup-demo demo test try-newest results warm-up lint format docs wheel release clean clean-caches
 
 setup:
 	@tools/setup.sh dev
@@ -23,6 +23,12 @@ test: setup
 # One run with the newest Python and Drake that can be had here.
 try-newest: setup
 	tools/try_newest.sh
+
+# Every figure of README and docs anew, at one revision: about ten hours on two cores, resumable.
+results: export OMP_NUM_THREADS = 1
+results: setup
+	$(PYTHON) -m feasigrasp.cli evaluate all --out out/results
+	PYTHONPATH=. $(PYTHON) tools/figures.py store out/results
 
 warm-up: setup
 	$(PYTHON) -m feasigrasp.cli warm-up

@@ -1,7 +1,8 @@
 """Measured figures of README and docs, from the rows in ``feasigrasp_lab/results``.
 
 ``python tools/figures.py`` fills the tables of the pages; ``python tools/figures.py store NAME
-FILE`` stores the ``summary.json`` of a command first. A page has a table between the comments
+FILE`` stores the ``summary.json`` of a command first, and ``store DIR`` those of ``evaluate all``.
+A page has a table between the comments
 ``<!-- table: NAME -->`` and ``<!-- end -->``; ``tools/tables.yaml`` says what is in it:
 
 - ``columns``: rows of summaries, with ``HEADING =`` before where it is not their standard term, or
@@ -267,13 +268,16 @@ def _markdown(rows: list[list[str]]) -> str:
 def main() -> int:
     """Runs the command."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("store", nargs="*", metavar="store NAME FILE", help="store a summary")
+    parser.add_argument("store", nargs="*", metavar="store [NAME] FILE", help="store a summary")
     words = parser.parse_args().store
     try:
         if words:
-            if len(words) != 3 or words[0] != "store":
-                parser.error("expected: store NAME FILE")
-            print(store(words[1], Path(words[2])))
+            if words[0] != "store" or len(words) not in (2, 3):
+                parser.error("expected: store NAME FILE, or store DIR")
+            folder = Path(words[1])
+            of_all = {file.parent.name: file for file in sorted(folder.glob("*/summary.json"))}
+            for name, file in of_all.items() if len(words) == 2 else [(words[1], Path(words[2]))]:
+                print(store(name, file))
         for page in PAGES:
             page.write_text(filled(page.read_text(), *commit_of("HEAD")))
     except FigureError as error:
