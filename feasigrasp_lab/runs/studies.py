@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 from feasigrasp_lab.protocols.ablations import ABLATIONS
 from feasigrasp_lab.protocols.degradations import (
     DEGRADATIONS,
-    SPEED,
     Change,
-    both,
     given_truth,
     motion_capture,
     perfect_sensors,
@@ -21,15 +19,12 @@ from feasigrasp_lab.protocols.speed import (
     AT_SPINS,
     CAMERA_MOTIONS,
     MOTIONS,
-    at_speed,
 )
 
 #: Object of the size of the paper's, 5.8 x 5.4 x 4.1 cm.
 PAPER_OBJECT = "duck"
-#: Each degradation of an object that moves at `SPEED`, by the end of its runs' names.
-_DEGRADED = {
-    f"-with-{name}": both(at_speed(SPEED), change) for name, change in DEGRADATIONS.items()
-}
+#: Each degradation by the end of its runs' names.
+_DEGRADED = {f"-with-{name}": change for name, change in DEGRADATIONS.items()}
 
 
 @dataclass(frozen=True)
@@ -68,8 +63,8 @@ _BESIDE_WALL = f"{PAPER_OBJECT},soup_can,small_box"
 #: capture, ``obstacle`` beside a wall (``obstacle-camera`` by the camera alone); ``paper`` is the
 #: paper's dynamic test, slowly and four times as fast; ``speed`` and ``spin`` are the curves of
 #: success over how fast the object moves and turns, ``speed-camera`` the first with the camera
-#: alone; ``degradations`` is what errors of sensors and other objects cost, each alone and all
-#: together; ``ablation`` what each part of the system is worth.
+#: alone; ``degradations`` is what errors of sensors and other objects cost by the camera alone,
+#: each of them and all together; ``ablation`` what each part of the system is worth.
 STUDIES = {
     "reach": Study(_REACH, seeds=2),
     "truth": Study(_REACH, seeds=2, variants={"-truth": given_truth}),
@@ -89,7 +84,7 @@ STUDIES = {
     "speed": Study(tuple(MOTIONS.values()), variants=AT_SPEEDS),
     "speed-camera": Study(tuple(CAMERA_MOTIONS.values()), variants=AT_SPEEDS),
     "spin": Study((MOTIONS["circle"],), variants=AT_SPINS),
-    "degradations": Study((MOTIONS["circle"],), variants=_DEGRADED),
+    "degradations": Study((CAMERA_MOTIONS["circle-camera"],), variants=_DEGRADED),
     "ablation": Study(_MOCAP, variants=ABLATIONS),
 }
 
