@@ -327,7 +327,7 @@ STATEMENTS = {
         ("simulated truth | {:g} Hz |", (1 / value("metrics.SAMPLE_PERIOD"),)),
         ("No reachable grasp for {:g} s", (value("next_best_view.WAITS"),)),
         ("blocked for {:g} s", (value("next_best_view._FORGOTTEN"),)),
-        ("a factor of e in {:g} s", (value("next_best_view._RELAXES"),)),
+        ("a time constant of {:g} s", (value("next_best_view._RELAXES"),)),
     ],
     "commands.md": [
         (

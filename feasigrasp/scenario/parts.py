@@ -19,6 +19,7 @@ class Part(StrEnum):
     SAMPLER = "sampler"  # the gripper
     CONTROLLER = "controller"  # the reachability
     TRACKER = "tracker"  # the scenario's tracker
+    PREDICTOR = "predictor"  # the scenario's tracker
     PERCEPTION = "perception"  # the scenario's perception
     SEGMENTATION = "segmentation"  # the camera that is looked through
     MOTION = "motion"  # the motion that the scenario describes

@@ -327,7 +327,7 @@ class Scenario:
         directives: The robot cell; see ``models/iiwa/cell.dmd.yaml``. Paths start at the scenario's
             file, here and in every other key.
         cell: Table height, clearance to the table, and obstacles.
-        arm: ``iiwa7``, ``panda``, ``ur5e``, ``xarm7``, or a file of ``feasigrasp arm``.
+        arm: ``iiwa7``, ``panda``, ``fr3``, ``ur5e``, ``xarm7``, or a file of ``feasigrasp arm``.
         gripper: The hand: ``EZGripper``, ``WSG_50``, or a YAML file with attributes of
             `ParallelGripper`; its model is made of them.
         cameras: Cameras by name.
@@ -348,9 +348,9 @@ class Scenario:
         control: Controller.
         execution: Errors of the hand's place.
         grasp: Closing, letting go, lifting, shaking, holding.
-        parts: Parts of one's own: ``sampler``, ``controller``, ``tracker``, ``perception``,
-            ``motion``, each with the ``name`` of its class or function, ``package.module:Name``,
-            and keyword arguments as ``options``.
+        parts: Parts of one's own: ``sampler``, ``controller``, ``tracker``, ``predictor``,
+            ``perception``, ``segmentation``, ``motion``, each with the ``name`` of its class or
+            function, ``package.module:Name``, and keyword arguments as ``options``.
         faults: What goes wrong, and when, e.g. ``!PoseNan {start: 2, duration: 0.5}``.
     """
 

@@ -23,7 +23,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.segmentation.foreground import Label
-from feasigrasp.scenario.parts import Part
+from feasigrasp.scenario.parts import Part, make_named
 from feasigrasp.scenario.schema import Execution, Scenario, Segmentation
 from feasigrasp.systems.from_scenario import (
     has_eye_in_hand_camera,
@@ -43,6 +43,7 @@ from feasigrasp.systems.monitoring.contact_sense import ContactSense
 from feasigrasp.systems.monitoring.grasp_visualizer import GraspVisualizer
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.monitoring.true_frame import TrueFrame
+from feasigrasp.systems.motion_predictor import MotionPredictor
 from feasigrasp.systems.reachability_filter import PayloadFilter, SceneFilter
 from feasigrasp.systems.segmentation.mask_segmentation import MaskFn
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
@@ -153,8 +154,11 @@ class Cell:
 
 
 def add_tracker(cell: Cell, tracker: LeafSystem) -> None:
-    """Adds the object's tracker."""
+    """Adds the object's tracker, and the predictor that the scenario names."""
     cell.add("tracker", tracker)
+    if own := cell.scenario.parts.get(Part.PREDICTOR):
+        predict = make_named(Part.PREDICTOR, own, cell.scenario.tracker)
+        cell.add("predictor", MotionPredictor(predict))
     if tracker.HasInputPort("pose"):
         cell.signal("measured_pose", cell.faults.pose(cell.station.GetOutputPort("object.pose")))
 

@@ -319,7 +319,7 @@ def unmet_condition(
     _, errors = _nearest(grasps, X_OH, config)
     units = ((1e3, "mm"), (np.rad2deg(1.0), "deg"))
     unmet = [
-        f"{scale * error:.0f} {unit} from the nearest grasp, closes within {scale * most:.0f}"
+        f"{scale * error:.0f} {unit} off the nearest grasp (closes at {scale * most:.0f})"
         for error, most, (scale, unit) in zip(errors, config.tolerances, units, strict=True)
         if error > most
     ]

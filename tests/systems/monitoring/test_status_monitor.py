@@ -185,7 +185,7 @@ def test_of_a_hand_that_follows_it_is_said_again_and_again_what_keeps_it_from_cl
     monitored.fix(object_pose=RigidTransform(hand))
     monitored.reported(0.8)
     now = status.Eval(monitored.context)  # at once, while the history keeps what was said
-    assert "50 mm from the nearest grasp, closes within 6" in now.detail
+    assert "50 mm off the nearest grasp (closes at 6)" in now.detail
     assert monitored.reported(2 * AGAIN + 0.5) == [
         (StatusCode.FOLLOWING, t) for t in (0.0, pytest.approx(AGAIN), pytest.approx(2 * AGAIN))
     ]
@@ -203,5 +203,5 @@ def test_a_replay_shows_each_change_of_a_detail_when_it_came():
     looks = monitored.dut.looks(monitored.context)
     assert [look.time for look in looks] == pytest.approx([0.1, 0.5, 1.0])
     for look, distance in zip(looks, (300, 200, 100), strict=True):
-        assert f"{distance} mm from the nearest grasp" in look.detail
+        assert f"{distance} mm off the nearest grasp" in look.detail
     assert len(monitored.reported(1.45)) == 1  # the record has one line of it
