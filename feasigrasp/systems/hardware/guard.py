@@ -43,7 +43,9 @@ _USUAL = {"KILL", "STOP", "CHLD", "CONT", "URG", "WINCH", "SEGV", "BUS", "FPE", 
 
 #: A guard answers a status within this share of a cycle, or leaves the arm to its standby.
 #: Source: reasoned: what is left of the cycle is enough for a command that is ready.
-ANSWER = 0.7
+ANSWER = 0.6
+#: The standby has braked when the driver holds the same position in so many cycles. Source: guessed.
+AT_REST = 3
 
 
 class Guard:
@@ -79,11 +81,12 @@ class Guard:
         self._answered_at, self._utime = self._clock(), 0
         #: When it last had nothing to do; whether it has left the arm to the standby since.
         self._backed, self._idle_at, self._gave_way = backed, self._clock(), False
-        self._held = np.zeros(0)
+        self._held, self._quiet = np.zeros(0), 0
         self._subscriptions = [
             channels.subscribe(lcm, channels.IIWA_REQUEST, self._request),
             channels.subscribe(lcm, channels.IIWA_STATUS, self._answer),
             channels.subscribe(lcm, channels.IIWA_COMMAND, self._receive),
+            channels.subscribe(lcm, channels.IIWA_STANDBY, self._give_way),
         ]
 
     def serve(self) -> None:
@@ -135,9 +138,12 @@ class Guard:
 
     def _gives_way(self) -> bool:
         """Whether it was stopped for so long that the standby has the arm."""
-        late = self._clock() - self._idle_at > ANSWER * self._guard.interval
+        late = self._clock() - self._idle_at > ANSWER * self._guard.cycle
         self._gave_way |= self._backed and self._guard.moving and late
         return self._gave_way
+
+    def _give_way(self, _: bytes) -> None:
+        self._gave_way, self._quiet = self._backed, 0
 
     def _receive(self, data: bytes) -> None:
         # It receives its own messages, too. What it has not sent is another sender's; so is what
@@ -171,8 +177,8 @@ class Guard:
         )
         if self._gives_way():
             # Until the standby has braked.
-            self._gave_way = not np.array_equal(held, self._held)
-            self._held = held
+            self._quiet = self._quiet + 1 if np.array_equal(held, self._held) else 0
+            self._held, self._gave_way = held, self._quiet < AT_REST
             return
         if not self._guard.moving:
             self._idle_at = self._clock()
@@ -238,10 +244,11 @@ class Standby(Guard):
 
     def _send(self, q: Array) -> None:
         if self._in_place:
+            self._lcm.Publish(channels.IIWA_STANDBY, b"")
             super()._send(q)
             self._last, self._in_place = q, self._guard.moving
         else:
-            self._ready, self._due = q, self._clock() + ANSWER * self._guard.interval
+            self._ready, self._due = q, self._clock() + ANSWER * self._guard.cycle
 
 
 def refuse_if_commanded(lcm: DrakeLcm) -> None:

@@ -107,9 +107,9 @@ class CommandGuard:
         return self._clock.period
 
     @property
-    def interval(self) -> float:
-        """Usual time between status messages by this computer's clock [s]."""
-        return self._clock.interval
+    def cycle(self) -> float:
+        """Shortest cycle of late by this computer's clock [s]."""
+        return self._clock.shortest
 
     def request(self, stamp: float, q: Array) -> bool:
         """Accepts requested positions; returns whether they are used.

@@ -82,6 +82,11 @@ class DriverClock:
         """Usual time between messages by this computer's clock [s]."""
         return statistics.median(self._intervals) if self._intervals else self.period
 
+    @property
+    def shortest(self) -> float:
+        """Shortest cycle of late by this computer's clock [s]."""
+        return max(min(self._intervals, default=0.0), JITTER * self.period)
+
     def tick(self, stamp: float, now: float | None = None) -> Tick:
         """What a status message means.
 
