@@ -44,7 +44,7 @@ _USUAL = {"KILL", "STOP", "CHLD", "CONT", "URG", "WINCH", "SEGV", "BUS", "FPE", 
 #: A guard answers a status within this share of a cycle, or leaves the arm to its standby.
 #: Source: reasoned: what is left of the cycle is enough for a command that is ready.
 ANSWER = 0.6
-#: The standby has braked when the driver holds the same position in so many cycles. Source: guessed.
+#: The standby has braked when the driver holds one position in so many cycles. Source: guessed.
 AT_REST = 3
 
 
@@ -228,9 +228,6 @@ class Standby(Guard):
             self._in_place = True
             self._send(self._ready)
             self._ready = None
-
-    def _in_charge(self) -> bool:
-        return self._in_place and super()._in_charge()
 
     def _request(self, data: bytes) -> None:
         """It only brakes."""

@@ -99,6 +99,7 @@ def test_a_guard_that_is_stopped(period, seconds, share):
 def test_a_guard_that_is_killed(period):
     rig = Pair(period)
     rig.start()
+    assert rig.standby._in_charge()  # it goes on without the guard
     for _ in range(round(0.5 / period)):
         rig.cycle_with((0, 1))
     rig.keeps_limits()
