@@ -108,7 +108,7 @@ def test_a_guard_that_is_killed(period):
     assert not rig.standby._in_charge()
 
 
-@pytest.mark.parametrize("lasts", [0.2, 0.4])
+@pytest.mark.parametrize("lasts", [0.1, 0.3])
 def test_a_guard_that_answers_in_time_keeps_the_arm(lasts):
     rig = Pair(0.005)
     rig.start()
