@@ -63,7 +63,9 @@ class StudiedFault:
         return [] if self.fault is None else [dc.replace(self.fault, start=start)]
 
 
-_UNOBSERVED = ("nothing_seen", "no_grasp", "views_dropped")
+#: By the camera alone, the pose is lost with the object.
+_LOST_POSE = ("pose_lost", "looking_for_object")
+_UNOBSERVED = ("nothing_seen", "no_grasp", "views_dropped", *_LOST_POSE)
 _DOUBTED = ("pose_jumped", "pose_contradicted", "pose_lost", "views_dropped")
 _KEEP = "grasps of the earlier views stay good, since the pose is tracked; without any it waits"
 _DROP = "views that contradict the others, or cannot be fitted, are dropped and counted"
@@ -178,25 +180,25 @@ FAULTS: dict[str, StudiedFault] = {
         "the object is five times as fast",
         _FOLLOW,
         ObjectPace(factor=5.0),
-        ("never_settled", "missed"),
+        ("never_settled", "missed", *_LOST_POSE),
     ),
     "object_out_of_reach": StudiedFault(
         "the object leaves, 1.3 m from the base",
         "nothing is reachable: the arm waits",
         ObjectMoved(),
-        ("out_of_reach",),
+        ("out_of_reach", *_LOST_POSE),
     ),
     "object_through_arm": StudiedFault(
         "the object is carried through the arm to its other side",
         "the arm keeps its limits; a tensed hand that carries the object gives way at 30 N",
         ObjectMoved(to=[-0.35, 0.0, 0.55]),
-        ("no_grasp", "braking_for_obstacle", "pose_contradicted", "pushed_away"),
+        ("no_grasp", "braking_for_obstacle", "pose_contradicted", "pushed_away", *_LOST_POSE),
     ),
     "object_into_table": StudiedFault(
         "the object goes down into the table",
         "grasps that hit the table are not reachable; the arm stays above it",
         ObjectMoved(to=[0.5, 0.0, -0.05]),
-        ("blocked_by_table", "no_grasp", "braking_for_obstacle"),
+        ("blocked_by_table", "no_grasp", "braking_for_obstacle", *_LOST_POSE),
     ),
     "object_pulled": StudiedFault(
         "150 N pull the object out of the hand while it is lifted",

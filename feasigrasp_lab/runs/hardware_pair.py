@@ -36,11 +36,12 @@ class ProcessFault(StrEnum):
     STOP_WORKER = "stop_worker"
     END_GUARD = "end_guard"
     STOP_GUARD = "stop_guard"
+    KILL_GUARD = "kill_guard"
 
     @property
     def at_guard(self) -> bool:
         """Whether it is the guard's."""
-        return self in (ProcessFault.END_GUARD, ProcessFault.STOP_GUARD)
+        return self.endswith("_guard")
 
     @property
     def at_worker(self) -> bool:
@@ -52,8 +53,7 @@ class ProcessFault(StrEnum):
         """What is sent."""
         if self is ProcessFault.END_GUARD:
             return signal.SIGHUP
-        killed = self in (ProcessFault.KILL, ProcessFault.KILL_WORKER)
-        return signal.SIGKILL if killed else signal.SIGSTOP
+        return signal.SIGKILL if self.startswith("kill") else signal.SIGSTOP
 
 
 _AT_GUARD = [fault for fault in ProcessFault if fault.at_guard]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from feasigrasp_lab.protocols.ablations import ABLATIONS
+from feasigrasp_lab.protocols.cell_bodies import BODIES
 from feasigrasp_lab.protocols.degradations import (
     DEGRADATIONS,
     Change,
@@ -60,7 +61,8 @@ _BESIDE_WALL = f"{PAPER_OBJECT},soup_can,small_box"
 #: where it also sees what carries the object, or another one beside it; in ``truth`` pose and
 #: pixels are given, with the same camera and its noise; in ``mocap`` likewise, with a better
 #: camera, as in all others: ``ideal`` with perfect sensors, ``tracking`` with the errors of motion
-#: capture, ``obstacle`` beside a wall (``obstacle-camera`` by the camera alone); ``paper`` is the
+#: capture, ``obstacle`` beside a wall (``obstacle-camera`` by the camera alone), ``cell`` beside
+#: known bodies; ``paper`` is the
 #: paper's dynamic test, slowly and four times as fast; ``speed`` and ``spin`` are the curves of
 #: success over how fast the object moves and turns, ``speed-camera`` the first with the camera
 #: alone; ``degradations`` is what errors of sensors and other objects cost by the camera alone,
@@ -74,6 +76,7 @@ STUDIES = {
     "tracking": Study(_MOCAP, variants={"-tracking": motion_capture}),
     "obstacle": Study(("ReachObstacleMocap",), _BESIDE_WALL, 3),
     "obstacle-camera": Study(("ReachObstacle",), _BESIDE_WALL, 3),
+    "cell": Study(_MOCAP[:2], "soup_can,small_box", variants=BODIES),
     "paper": Study(
         _PAPER + tuple(f"{name}Fast" for name in _PAPER),
         PAPER_OBJECT,

@@ -43,8 +43,9 @@ LIMITS = (
     "self_collision_percent",
 )
 _AT_CONTROLLER = [fault for fault in ProcessFault if not (fault.at_worker or fault.at_guard)]
+_GUARD_ENDS = ProcessFault.END_GUARD, ProcessFault.KILL_GUARD
 #: Faults that end the run: the arm comes to rest.
-_ENDING = [*_AT_CONTROLLER, ProcessFault.END_GUARD, Network.RIVAL, Network.FORGED]
+_ENDING = [*_AT_CONTROLLER, *_GUARD_ENDS, Network.RIVAL, Network.FORGED]
 #: Record keys of the messages received from the controller.
 _RECEIVED = (
     *("request_gap_ms_max", "request_gap_ms_p99", "rest_s", "commands_missing"),

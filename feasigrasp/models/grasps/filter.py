@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Indices, Mask
+from feasigrasp.models.grasps.convex_width import is_wider
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.grasps.hand_clearance import MARGIN, THIN_WALL, hand_freedom
 from feasigrasp.models.grasps.success_probability import (
@@ -99,7 +100,8 @@ def filter_grasps(
     if len(candidates) == 0:
         return candidates
 
-    narrow = candidates.width <= gripper.max_opening - 2 * MARGIN
+    opening = gripper.max_opening - 2 * MARGIN
+    narrow = (candidates.width <= opening) & ~np.bool_(is_wider(*gpdf.seen(), opening))
     candidates = candidates.select(narrow, Rejection.TOO_WIDE)
     if plane is not None:
         candidates = _above_table(candidates, plane, gripper)

@@ -30,6 +30,8 @@ LCM_URL = "udpm://239.255.76.67:7667?ttl=0"
 IIWA_STATUS, IIWA_COMMAND = "IIWA_STATUS", "IIWA_COMMAND"
 #: What the controller asks of the guard, in messages of the kind that the driver reads.
 IIWA_REQUEST = "FEASIGRASP_IIWA_REQUEST"
+#: What a standby is about to command: the guard leaves the arm to it.
+IIWA_STANDBY = "FEASIGRASP_IIWA_STANDBY"
 WSG_STATUS, WSG_COMMAND = "SCHUNK_WSG_STATUS", "SCHUNK_WSG_COMMAND"
 #: A motion-capture system's measurements: a floating joint's seven positions, `POSE_NAMES`.
 OBJECT_POSE = "FEASIGRASP_OBJECT_POSE"

@@ -8,6 +8,7 @@ import signal
 import time
 from collections import Counter, OrderedDict
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from drake import lcmt_iiwa_command, lcmt_iiwa_status
@@ -40,6 +41,13 @@ _CONTESTED = (
 _USUAL = {"KILL", "STOP", "CHLD", "CONT", "URG", "WINCH", "SEGV", "BUS", "FPE", "ILL", "PIPE"}
 
 
+#: A guard answers a status within this share of a cycle, or leaves the arm to its standby.
+#: Source: reasoned: what is left of the cycle is enough for a command that is ready.
+ANSWER = 0.6
+#: The standby has braked when the driver holds one position in so many cycles. Source: guessed.
+AT_REST = 3
+
+
 class Guard:
     """Listens to the arm's driver and to a controller, and commands the arm.
 
@@ -52,6 +60,8 @@ class Guard:
         lcm: DrakeLcm,
         guard: CommandGuard | None = None,
         clock: Callable[[], float] | None = None,
+        *,
+        backed: bool = False,
     ) -> None:
         """A guard on the bus that driver and controller are on.
 
@@ -59,6 +69,7 @@ class Guard:
             lcm: The bus.
             guard: Follows requests; the default one keeps limits alone, no clearances.
             clock: Monotonic clock [s]; the arm goes no farther than the time that it shows.
+            backed: Whether a `Standby` brakes the arm where this one does not answer in time.
         """
         self._lcm, self._clock = lcm, clock or time.monotonic
         self._guard = guard or CommandGuard(channels.IIWA_PERIOD)
@@ -68,10 +79,14 @@ class Guard:
         self._sent: OrderedDict[bytes, int] = OrderedDict()
         self._doubled = 0
         self._answered_at, self._utime = self._clock(), 0
+        #: When it last had nothing to do; whether it has left the arm to the standby since.
+        self._backed, self._idle_at, self._gave_way = backed, self._clock(), False
+        self._held, self._quiet = np.zeros(0), 0
         self._subscriptions = [
             channels.subscribe(lcm, channels.IIWA_REQUEST, self._request),
             channels.subscribe(lcm, channels.IIWA_STATUS, self._answer),
             channels.subscribe(lcm, channels.IIWA_COMMAND, self._receive),
+            channels.subscribe(lcm, channels.IIWA_STANDBY, self._give_way),
         ]
 
     def serve(self) -> None:
@@ -94,7 +109,9 @@ class Guard:
 
     def coast(self) -> None:
         """Commands the arm where the status of a cycle is missing."""
-        q = self._guard.coast(self._clock())
+        self._gives_way()
+        self._idle_at = self._clock()
+        q = None if self._gave_way else self._guard.coast(self._idle_at)
         if q is not None:
             self._utime += 1
             self._send(q)
@@ -119,11 +136,20 @@ class Guard:
         """Whether the arm moves, and its driver listens."""
         return self._guard.moving and self._clock() - self._answered_at < 1.0
 
+    def _gives_way(self) -> bool:
+        """Whether it was stopped for so long that the standby has the arm."""
+        late = self._clock() - self._idle_at > ANSWER * self._guard.cycle
+        self._gave_way |= self._backed and self._guard.moving and late
+        return self._gave_way
+
+    def _give_way(self, _: bytes) -> None:
+        self._gave_way, self._quiet = self._backed, 0
+
     def _receive(self, data: bytes) -> None:
         # It receives its own messages, too. What it has not sent is another sender's; so is what
         # comes twice each time, from one that does the same.
         if data not in self._sent:
-            self._rival = True
+            self._rival |= not self._gives_way()
             return
         self._sent[data] += 1
         if self._sent[data] == 2:
@@ -149,6 +175,13 @@ class Guard:
             np.array(each)
             for each in (status.joint_position_measured, status.joint_position_commanded)
         )
+        if self._gives_way():
+            # Until the standby has braked.
+            self._quiet = self._quiet + 1 if np.array_equal(held, self._held) else 0
+            self._held, self._gave_way = held, self._quiet < AT_REST
+            return
+        if not self._guard.moving:
+            self._idle_at = self._clock()
         q = self._guard.command(1e-6 * status.utime, measured, held, self._clock())
         if q is None:
             return
@@ -167,6 +200,52 @@ class Guard:
         if len(self._sent) > KEPT:
             self._sent.popitem(last=False)
         self._lcm.Publish(channels.IIWA_COMMAND, encoded)
+
+
+class Standby(Guard):
+    """Hot standby of a guard: brakes the arm where a status is not answered in time.
+
+    A driver that holds its last command stops a moving arm dead, if the guard is stopped or killed.
+    """
+
+    def __init__(
+        self,
+        lcm: DrakeLcm,
+        guard: CommandGuard | None = None,
+        clock: Callable[[], float] | None = None,
+    ) -> None:
+        """The arguments are those of `Guard`."""
+        super().__init__(lcm, guard, clock)
+        self._in_place, self._due = False, 0.0
+        self._ready: Array | None = None
+        self._last: Array | None = None
+
+    def coast(self) -> None:
+        """Commands the arm where the guard has not."""
+        if self._in_place:
+            super().coast()
+        elif self._guard.moving and self._ready is not None and self._clock() >= self._due:
+            self._in_place = True
+            self._send(self._ready)
+            self._ready = None
+
+    def _request(self, data: bytes) -> None:
+        """It only brakes."""
+
+    def _receive(self, data: bytes) -> None:
+        command = decode(lcmt_iiwa_command, data)
+        if data not in self._sent and command and command.num_joints == IIWA_7.joints:
+            q, self._ready = np.array(command.joint_position), None
+            self._guard.follow(q, q if self._last is None else self._last)
+            self._last = q
+
+    def _send(self, q: Array) -> None:
+        if self._in_place:
+            self._lcm.Publish(channels.IIWA_STANDBY, b"")
+            super()._send(q)
+            self._last, self._in_place = q, self._guard.moving
+        else:
+            self._ready, self._due = q, self._clock() + ANSWER * self._guard.cycle
 
 
 def refuse_if_commanded(lcm: DrakeLcm) -> None:
@@ -202,16 +281,34 @@ def main(url: str, begun: Callable[[], None], cell: GuardedCell, *, alone: bool 
         os.setsid()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _warm_up(cell.make_guard())
+    _start_standby(url, cell, alone)
     lcm = channels.open_lcm(url)
     refuse_if_commanded(lcm)
-    guard = Guard(lcm, cell.make_guard())
+    guard = Guard(lcm, cell.make_guard(), backed=True)
+    _end_at_signals(guard, alone=alone)
+    with real_time(Priority.DRIVER):
+        begun()
+        guard.serve()
+
+
+def _start_standby(*given: Any) -> None:
+    # A copy of this process: there at once, with all that is compiled.
+    multiprocessing.get_context("fork").Process(target=_brake, args=given, daemon=True).start()
+
+
+def _brake(url: str, cell: GuardedCell, alone: bool) -> None:
+    """Process of the standby."""
+    standby = Standby(channels.open_lcm(url), cell.make_guard())
+    _end_at_signals(standby, alone=alone)
+    with real_time(Priority.DRIVER):
+        standby.serve()
+
+
+def _end_at_signals(guard: Guard, *, alone: bool) -> None:
     for number in signal.valid_signals() - {getattr(signal, f"SIG{n}", 0) for n in _USUAL}:
         signal.signal(number, guard.end)
     for name in ("SIGTTIN", "SIGTTOU") if alone else ("SIGTTIN", "SIGTTOU", "SIGINT"):
         signal.signal(getattr(signal, name), signal.SIG_IGN)
-    with real_time(Priority.DRIVER):
-        begun()
-        guard.serve()
 
 
 def _warm_up(guard: CommandGuard) -> None:

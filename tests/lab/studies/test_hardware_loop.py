@@ -49,7 +49,7 @@ def test_every_run_is_planned_once_and_faults_in_turn():
     pairs = planned_pairs(RUNS, 7, 2, seed=0)
     faults = [item["fault"] for item in pairs.values()]
     assert faults[:5] == ["", "", "", "kill", "stop"]
-    assert faults[5:10] == ["kill_worker", "stop_worker", "end_guard", "stop_guard", "kill"]
+    assert faults[5:10] == ["kill_worker", "stop_worker", "end_guard", "stop_guard", "kill_guard"]
     assert faults[10:] == [str(n) for n in Network for _ in range(2)]
     assert planned_pairs(RUNS, 7, 2, seed=0) == pairs != planned_pairs(RUNS, 7, 2, seed=1)
 

@@ -106,6 +106,11 @@ class CommandGuard:
         """The driver's [s]."""
         return self._clock.period
 
+    @property
+    def cycle(self) -> float:
+        """Shortest cycle of late by this computer's clock [s]."""
+        return self._clock.shortest
+
     def request(self, stamp: float, q: Array) -> bool:
         """Accepts requested positions; returns whether they are used.
 
@@ -200,6 +205,16 @@ class CommandGuard:
         self._step(self._measured)
         self._coasted.append(self._q)
         return self._q.copy()
+
+    def follow(self, q: Array, last: Array) -> None:
+        """Goes on from the position that another guard sent, at the speed since its last one.
+
+        Args:
+            q: The position [rad], shape (7,).
+            last: The one before [rad], shape (7,).
+        """
+        self._q, self._v = q, (q - last) / (self._clock.period * self._clock.rate)
+        self.moving = bool(np.any(self._v != 0.0))
 
     def _was_received(self, held: Array) -> bool:
         """Whether the driver holds one of the positions that were sent while statuses missed."""

@@ -77,6 +77,16 @@ class DriverClock:
         #: Cycles of which the status is missing, since the last message that was used.
         self.missing = 0
 
+    @property
+    def interval(self) -> float:
+        """Usual time between messages by this computer's clock [s]."""
+        return statistics.median(self._intervals) if self._intervals else self.period
+
+    @property
+    def shortest(self) -> float:
+        """Shortest cycle of late by this computer's clock [s]."""
+        return max(min(self._intervals, default=0.0), JITTER * self.period)
+
     def tick(self, stamp: float, now: float | None = None) -> Tick:
         """What a status message means.
 
@@ -97,7 +107,7 @@ class DriverClock:
         in_turn = abs(error) <= JITTER * self.period
         if self.missing and not in_turn and late < IN_TIME * self._ratio * self.period:
             return Tick.NONE  # its cycle was counted, or the clock was set meanwhile
-        usual = statistics.median(self._intervals) if now is not None else self.period
+        usual = self.interval if now is not None else self.period
         if now is None:
             if not in_turn and 0.0 < passed < self.period:
                 return Tick.NONE
@@ -160,7 +170,7 @@ class DriverClock:
         self.period = round(statistics.median(self._stamps), 6)
         self._stamps = None
         self._due = self._stamp + self.period
-        interval = statistics.median(self._intervals) if self._intervals else self.period
+        interval = self.interval
         if not SHORTEST <= self.period <= LONGEST:
             return f"has a period of {1e3 * self.period:.3g} ms; set the driver to 1 to 10 ms"
         if interval < JITTER * self.period:
