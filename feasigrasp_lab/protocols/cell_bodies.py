@@ -10,7 +10,7 @@ from feasigrasp_lab.protocols.degradations import Change
 _DISTANCES = (0.12, 0.18, 0.25)
 #: Where it is from there, and its sides [m].
 _BODIES = {
-    "wall": ((0.0, 1.0, 0.0), (0.8, 0.04, 0.5)),
+    "wall": ((0.0, 1.0, 0.0), (0.5, 0.04, 0.5)),
     "shelf": ((0.0, 1.4, 0.8), (0.6, 0.3, 0.03)),
     "bench": ((0.0, 0.0, -1.0), (0.6, 0.6, 0.04)),
 }
