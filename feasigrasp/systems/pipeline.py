@@ -21,7 +21,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.schema import Execution, Scenario, Segmentation
@@ -85,7 +85,7 @@ class Cell:
 
     builder: DiagramBuilder
     scenario: Scenario
-    gripper: ParallelGripper
+    gripper: Gripper
     arm: Arm
     station: Station
     mask: MaskFn | None = None
