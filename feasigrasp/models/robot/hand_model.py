@@ -139,13 +139,8 @@ def _collision(
     name: str, center: ArrayLike, geometry: str, modulus: float = 1e7, hint: str = ""
 ) -> str:
     # Static and dynamic friction of pads, fingers and palm. Source: guessed.
-    values = {
-        "center": _numbers(center),
-        "friction": 0.8,
-        "modulus": f"{modulus:.0f}",
-        "hint": hint,
-    }
-    return _COLLISION.format(name=name, geometry=geometry, **values)
+    values = {"center": _numbers(center), "friction": 0.8, "modulus": f"{modulus:.0f}"}
+    return _COLLISION.format(name=name, geometry=geometry, hint=hint, **values)
 
 
 def _box_size(size: ArrayLike) -> str:
@@ -209,9 +204,12 @@ def gripper_urdf(gripper: ParallelGripper, mesh: Mesh | None = None) -> str:
         )
     names = ("gripper_body", "left_finger", "right_finger")
     members = "".join(map(_MEMBER.format, names))
-    return _ROBOT.format(
-        links=links, more=joints + _TRANSMISSION, grasp=grasp, turn=_TURN, members=members
-    )
+    return _robot(links, gripper, members, joints + _TRANSMISSION)
+
+
+def _robot(links: str, gripper: Gripper, members: str, more: str = "") -> str:
+    grasp = _numbers(gripper.X_FG[:3, 3])
+    return _ROBOT.format(links=links, more=more, grasp=grasp, turn=_TURN, members=members)
 
 
 def _body(gripper: Gripper, mass: float, mesh: Mesh, more: str = "") -> str:
@@ -232,9 +230,8 @@ def cup_urdf(cup: SuctionCup, mesh: Mesh) -> str:
         middle = [0.0, 0.0, cup.tool_offset + (low + high) / 2]
         shape = f'cylinder radius="{_number(radius)}" length="{_number(high - low)}"'
         parts += _collision(name, middle, shape, softness if name == "lip" else 1e7, _HINT)
-    body, grasp = _body(cup, BODY_MASS + 2 * FINGER_MASS, mesh, parts), _numbers(cup.X_FG[:3, 3])
-    members = _MEMBER.format("gripper_body")
-    return _ROBOT.format(links=body, more="", grasp=grasp, turn=_TURN, members=members)
+    body = _body(cup, BODY_MASS + 2 * FINGER_MASS, mesh, parts)
+    return _robot(body, cup, _MEMBER.format("gripper_body"))
 
 
 def _cup_parts(cup: SuctionCup) -> list[tuple[str, float, float, float]]:

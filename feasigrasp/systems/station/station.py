@@ -114,9 +114,10 @@ class Station(Diagram):
     ``iiwa.torque_measured`` is V7, what the motors of the weightless arm give [Nm], and
     ``iiwa.torque_external`` V7, what contact does to the joints, which the real arm estimates [Nm];
     ``gripper.position`` is the distance between the pads [m] and
-    ``gripper.state_measured`` that distance and its rate (see `SuctionSeal` for a cup); ``object.hold`` is 1 while the object is
-    to be carried along its motion and 0 from the command to let it go on; ``object.let_go`` is the
-    time at which its carrier does so [s], infinite before. Point clouds are in the world frame.
+    ``gripper.state_measured`` that distance and its rate (see `SuctionSeal` for a cup);
+    ``object.hold`` is 1 while the object is to be carried along its motion and 0 from the command
+    to let it go on; ``object.let_go`` is the time at which its carrier does so [s], infinite
+    before. Point clouds are in the world frame.
 
     A camera with an ``output_delay`` or a ``capture_offset`` takes images at its ``fps``, and what
     its ports show is of the instant of exposure: ``<camera>.stamp`` (V1) [s], NaN before the first

@@ -68,7 +68,8 @@ class SuctionSeal(LeafSystem):
         I_BBcm = inertia.CalcRotationalInertia().CopyToFullMatrix3()
         rigid = Spring(10_000.0, 100.0, np.inf, np.inf)
         gravity = plant.gravity_field().gravity_vector()
-        self._load = carried_body(inertia.get_mass(), I_BBcm, gravity, rigid, step)
+        # Softer than one spring alone could be: hand and carrier give way on its other side.
+        self._load = carried_body(inertia.get_mass(), I_BBcm, gravity, rigid, 2.5 * step)
         self._opening = self.DeclareVectorInputPort("opening", 1)
         self._state = self.DeclareVectorInputPort("object_state", 13)
         self._poses = declare_input(self, "body_poses", [RigidTransform()])
