@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -100,7 +100,7 @@ def unit_gravity(down: ArrayLike) -> Array:
     """
     g = np.asarray(down, dtype=float)
     if g.shape != (3,) or not np.linalg.norm(g) > 0.0:
-        raise GraspError(f"down = {down}: give the direction of gravity, three numbers")
+        raise GraspError(f"down = {down!r}: give the direction of gravity, three numbers")
     return np.asarray(g / np.linalg.norm(g))
 
 
@@ -125,12 +125,14 @@ class Load(Frozen, ABC):
 
     def select(self, keep: NDArray[np.generic]) -> Self:
         """The loads of the grasps that ``keep`` (mask or indices) names."""
-        return replace(self, **{k: getattr(self, k)[keep] for k in self._per_grasp})
+        parts: dict[str, Any] = {k: getattr(self, k)[keep] for k in self._per_grasp}
+        return replace(self, **parts)
 
     def joined(self, other: Load) -> Self:
         """Concatenation of two loads of the same object."""
         pairs = {k: (getattr(self, k), getattr(other, k)) for k in self._per_grasp}
-        return replace(self, **{k: np.concatenate(pair) for k, pair in pairs.items()})
+        parts: dict[str, Any] = {k: np.concatenate(pair) for k, pair in pairs.items()}
+        return replace(self, **parts)
 
     @abstractmethod
     def per_kilogram(self, down: ArrayLike | None = None) -> Array:

@@ -44,7 +44,7 @@ def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:
         The survivors, best first, with rejections counted; the ``id`` is the number of the pose.
     """
     # Error of the surface where it was seen, and how far off the lip it may be [m].
-    seen_error, off = 0.0005, 0.004
+    seen_error, off, most = 0.0005, 0.004, cup.max_strain
     n = len(X_OG)
     grasps = GraspSet(X_OG, np.full(n, 2.0 * cup.radius), np.ones(n), {}, np.arange(n))
     if gpdf.table is not None:
@@ -59,15 +59,15 @@ def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:
     gap, surface, normal = gpdf.refine(at.reshape(-1, 3), 3)
     gap = gap.reshape(len(pose), len(points))
     cosine = -np.einsum("nki,ni->nk", normal.reshape(*gap.shape, 3), pose[:, :3, 2])
-    there = (np.abs(gap) <= off).all(axis=1)
-    flat = (cosine >= FLAT).all(axis=1)
+    near = np.abs(gap) <= off
+    there, flat = near[:, -1], (near & (cosine >= FLAT)).all(axis=1)
     bent = strain(gap[:, :LIP], cup)
     possible = gpdf.possible(surface).reshape(gap.shape).all(axis=1)
     # What strain one metre of error brings, at the cone's springs.
     per_metre = cup.height / (cup.radius**2 + cup.height**2)
     error = surface_deviation(gpdf, surface).reshape(gap.shape)[:, :LIP].mean(axis=1)
-    score = ndtr((cup.max_strain - bent) / (per_metre * np.hypot(seen_error, error)))
-    kept, sealed = (there & possible)[place_of], (flat & (bent <= cup.max_strain))[place_of]
+    score = ndtr((most - bent) / (per_metre * np.hypot(seen_error, error)))
+    kept, sealed = (np.asarray(m)[place_of] for m in (there & possible, flat & (bent <= most)))
     grasps = replace(grasps, score=score[place_of])
     grasps, sealed = grasps.select(kept, Rejection.OFF_SURFACE), sealed[kept]
     grasps = grasps.select(sealed, Rejection.NOT_FLAT)

@@ -62,6 +62,16 @@ class Gripper(Frozen, ABC):
 
     @property
     @abstractmethod
+    def max_opening(self) -> float:
+        """The opening that lets go [m]."""
+
+    @property
+    @abstractmethod
+    def tip(self) -> float:
+        """Where the hand ends in front, its z in G [m]."""
+
+    @property
+    @abstractmethod
     def reach(self) -> tuple[float, float, float]:
         """Largest x and y of what is in front of the open hand's palm, and its z [m]."""
 
@@ -264,9 +274,16 @@ class SuctionCup(Gripper):
     friction: float = 0.5
     _LENGTHS = Gripper._LENGTHS | {"radius", "height", "stem_radius", "press"}
     _POSITIVE = {"max_strain": "", "vacuum": " in Pa", "friction": ""}
-    #: A negative opening is the command for the vacuum [m].
-    max_opening: ClassVar[float] = 0.0
-    tip: ClassVar[float] = 0.0
+
+    @property
+    def max_opening(self) -> float:
+        """A cup does not open; below zero its vacuum is on [m]."""
+        return 0.0
+
+    @property
+    def tip(self) -> float:
+        """Its lip is in the origin [m]."""
+        return 0.0
 
     @property
     def vacuum_force(self) -> float:
