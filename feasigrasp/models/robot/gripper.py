@@ -98,12 +98,10 @@ class Gripper(Frozen, ABC):
 
     def _check(self) -> None:
         name = type(self).__name__
-        for key in (each.name for each in fields(self) if each.init):
+        for key in sorted(self._LENGTHS):
             value = getattr(self, key)
             size = 3 if key in ("palm_size", "camera_box") else 1
-            if key not in self._LENGTHS:
-                continue
-            values = value if isinstance(value, tuple) else (value,)
+            values = value if size == 3 else (value,)
             if len(values) != size or not all(np.isfinite(v) and 0 < v < 1 for v in values):
                 raise GraspError(
                     f"{name}.{key} = {value}: give "
