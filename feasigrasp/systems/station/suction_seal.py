@@ -68,11 +68,8 @@ class SuctionSeal(LeafSystem):
         I_BBcm = inertia.CalcRotationalInertia().CopyToFullMatrix3()
         rigid = Spring(10_000.0, 100.0, np.inf, np.inf)
         gravity = plant.gravity_field().gravity_vector()
-        # As stiff as explicit steps allow alone, and beside a carrier that is as stiff as they do.
-        self._alone, self._shared = (
-            carried_body(inertia.get_mass(), I_BBcm, gravity, rigid, slower * step)
-            for slower in (2.0, 4.5)
-        )
+        # As stiff as explicit steps allow beside a carrier whose spring is as stiff as they do.
+        self._load = carried_body(inertia.get_mass(), I_BBcm, gravity, rigid, 4.5 * step)
         self._opening = self.DeclareVectorInputPort("opening", 1)
         self._state = self.DeclareVectorInputPort("object_state", 13)
         self._poses = declare_input(self, "body_poses", [RigidTransform()])
@@ -111,8 +108,8 @@ class SuctionSeal(LeafSystem):
         twist = self._twists.Eval(context)[self._hand]
         arm = X_WR[:3, 3] - self._poses.Eval(context)[self._hand].translation()
         V_WR, wrench = twist.Shift(arm).get_coeffs(), np.empty(6)
-        load = self._shared if self._carried.Eval(context) else self._alone
-        spring_wrench_kernel(self._state.Eval(context), X_WR, V_WR, np.zeros(3), load, wrench)
+        state = self._state.Eval(context)
+        spring_wrench_kernel(state, X_WR, V_WR, np.zeros(3), self._load, wrench)
         return wrench
 
     def _calc_state(self, context: Context, output) -> None:
