@@ -27,9 +27,9 @@ class Gripper(Frozen, ABC):
     """A hand with a palm and a wrist camera, described in its grasp frame G.
 
     Contact model and payload of each kind are in `feasigrasp.models.grasps`: of fingers in `filter`
-    and `payload`, of a cup in `suction` and `seal`. Whatever its kind, a hand is commanded an opening
-    [m], ``max_opening`` to let go and a negative one to grip with all its force, and it answers
-    with what is 0 where it holds nothing: the distance between its pads [m], or the share of its
+    and `payload`, of a cup in `suction` and `seal`. Whatever its kind, the command of a hand is an
+    opening [m], ``max_opening`` to let go and a negative one to grip with all its force, and its
+    answer is 0 where it holds nothing: the distance between its pads [m], or the share of its
     vacuum.
 
     Attributes:
