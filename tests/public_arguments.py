@@ -30,7 +30,7 @@ from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.reach import InterceptionOptions, Reachability
 from feasigrasp.models.reach.interception import Situation
-from feasigrasp.models.robot import IIWA_7, ParallelGripper
+from feasigrasp.models.robot import IIWA_7, ParallelGripper, SuctionCup
 from feasigrasp.models.sensors import MATERIALS, CameraErrors, DepthNoise
 from feasigrasp.models.shape import complete_shape, fit_gpdf, fit_scene
 from feasigrasp.models.tracking import Camera, FieldTrack, ObjectView, SequenceTracker
@@ -160,6 +160,7 @@ class Examples:
             "Reachability": reach,
             "Arm": IIWA_7,
             "ParallelGripper": gripper,
+            "SuctionCup": SuctionCup(),
             "Gpdf": self.gpdf,
             "CompletedField": complete_shape(seen, learnt=False),
             "SceneField": scene,

@@ -17,8 +17,8 @@ PROMISED = {
     "feasigrasp.models.sensors": "DepthNoise CameraErrors Material",
     "feasigrasp.models.grasps": "GraspSet perceive make_sampler AntipodalSampler NetworkSampler "
     "filter_grasps",
-    "feasigrasp.models.robot": "ParallelGripper WSG_50 forward_kinematics pose_and_jacobian "
-    "manipulability",
+    "feasigrasp.models.robot": "ParallelGripper SuctionCup WSG_50 forward_kinematics "
+    "pose_and_jacobian manipulability",
     "feasigrasp.models.ik": "closed_form",
     "feasigrasp.models.reach": "Reachability feasible_grasps InterceptionOptions",
     "feasigrasp.models.control": "Safety SafetyOptions HorizonOptions ProgramOptions",

@@ -25,6 +25,7 @@ from feasigrasp.models.clouds.files import prepare_cloud, read_cloud, viewpoint_
 from feasigrasp.models.grasps.grasp_set import Rejection
 from feasigrasp.models.grasps.perceive import Perception, perceive
 from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
+from feasigrasp.models.robot.gripper import SuctionCup
 from feasigrasp.models.segmentation.tabletop import tabletop
 from feasigrasp.outputs import check_outputs
 from feasigrasp.recordings.images import captured_points, holds_depth
@@ -38,6 +39,7 @@ REASONS: dict[str, str] = {
     Rejection.OFF_SURFACE: "a contact is not on the completed surface",
     Rejection.NOTHING_BETWEEN: "the line between the contacts misses the object",
     Rejection.NOT_ANTIPODAL: "the surfaces at the contacts do not oppose each other",
+    Rejection.NOT_FLAT: "the lip of the cup would not close on the surface",
     Rejection.HITS_TABLE: "the hand would go through the table",
     Rejection.COLLIDES: "fingers, palm or camera would hit the object",
     Rejection.NEAR_COPY: "almost the same as a better grasp",
@@ -176,8 +178,10 @@ def print_table(name: str, perception: Perception) -> None:
         print(f"  {'dropped: ' + reason:34s} {count:6d}   {REASONS.get(reason, '')}")
     if len(grasps) == 0 and grasps.rejected:
         most = max(grasps.rejected, key=lambda reason: grasps.rejected[reason])
-        print(f"  no grasp, most often because: {most} (the hand opens to", end=" ")
-        print(f"{1e3 * gripper.max_opening:.0f} mm)")
+        opens = f"the hand opens to {1e3 * gripper.max_opening:.0f} mm"
+        if isinstance(gripper, SuctionCup):
+            opens = f"the cup is {2e3 * gripper.radius:.0f} mm wide"
+        print(f"  no grasp, most often because: {most} ({opens})")
 
 
 def _check_options(args: argparse.Namespace) -> None:

@@ -328,8 +328,8 @@ class Scenario:
             file, here and in every other key.
         cell: Table height, clearance to the table, and obstacles.
         arm: ``iiwa7``, ``panda``, ``fr3``, ``ur5e``, ``xarm7``, or a file of ``feasigrasp arm``.
-        gripper: The hand: ``EZGripper``, ``WSG_50``, or a YAML file with attributes of
-            `ParallelGripper`; its model is made of them.
+        gripper: The hand: ``EZGripper``, ``WSG_50``, ``suction``, or a YAML file with attributes of
+            `ParallelGripper`, or with ``kind: suction`` of `SuctionCup`; its model is made of them.
         cameras: Cameras by name.
         camera_noise: By camera, errors of its depth image; ``{wrist_camera: {}}`` gives it those of
             a RealSense D435, entries as in `DepthNoise` change them, and those of `HandEyeError`

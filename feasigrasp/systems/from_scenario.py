@@ -17,7 +17,7 @@ from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm_file import load_arm
-from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
+from feasigrasp.models.robot.gripper import Gripper, load_gripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.modeled_bodies import ModeledBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
@@ -90,7 +90,7 @@ def station_config(scenario: Scenario) -> StationConfig:
 
 
 def make_foreground_segmentation(
-    scenario: Scenario, gripper: ParallelGripper, name: str = "", mask: MaskFn | None = None
+    scenario: Scenario, gripper: Gripper, name: str = "", mask: MaskFn | None = None
 ) -> LeafSystem:
     """The segmentation of a camera's images, by default of perception's.
 
@@ -145,7 +145,7 @@ def has_eye_in_hand_camera(scenario: Scenario) -> bool:
     return frame not in (None, "", "world")
 
 
-def make_view_filter(scenario: Scenario, gripper: ParallelGripper) -> ViewFilter:
+def make_view_filter(scenario: Scenario, gripper: Gripper) -> ViewFilter:
     """The filter of grasps by visibility in perception's camera."""
     arm = load_arm(scenario.arm)
     return ViewFilter(gripper, make_camera(scenario), scenario.grasp.standoff, arm)
@@ -172,7 +172,7 @@ def make_camera(scenario: Scenario, name: str = "") -> Camera:
     )
 
 
-def make_scenario_sampler(scenario: Scenario, gripper: ParallelGripper) -> GraspSamplerFn:
+def make_scenario_sampler(scenario: Scenario, gripper: Gripper) -> GraspSamplerFn:
     """The grasp sampler of a scenario, compiled."""
     config = scenario.perception
     sampler = make_sampler(
@@ -188,7 +188,7 @@ def make_scenario_sampler(scenario: Scenario, gripper: ParallelGripper) -> Grasp
 
 
 def make_grasp_sampler(
-    scenario: Scenario, sampler: GraspSamplerFn, gripper: ParallelGripper
+    scenario: Scenario, sampler: GraspSamplerFn, gripper: Gripper
 ) -> GraspSampler:
     """The grasp sampler of a scenario, with its filter."""
     checks = gripper if scenario.perception.filter else None
@@ -197,9 +197,7 @@ def make_grasp_sampler(
     return GraspSampler(sampler, checks, mass=scenario.object.mass, rest=rest)
 
 
-def make_scene(
-    scenario: Scenario, gripper: ParallelGripper, labels: Iterable[int]
-) -> PointCloudToScene:
+def make_scene(scenario: Scenario, gripper: Gripper, labels: Iterable[int]) -> PointCloudToScene:
     """The scene fusion of all pixels but those of some labels."""
     config = scenario.scene
     return PointCloudToScene(

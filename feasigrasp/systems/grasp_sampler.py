@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
@@ -12,10 +11,11 @@ from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
-from feasigrasp.models.grasps.non_maximum_suppression import GraspHistory, recheck_grasps
+from feasigrasp.models.grasps.non_maximum_suppression import GraspHistory
 from feasigrasp.models.grasps.payload import PayloadModel
+from feasigrasp.models.grasps.samplers import recheck_of
 from feasigrasp.models.quantities import NotNegative, Positive
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.ports import (
     PeriodicState,
@@ -62,7 +62,7 @@ class GraspSampler(LeafSystem):
     def __init__(
         self,
         sampler: GraspSamplerFn,
-        gripper: ParallelGripper | None = None,
+        gripper: Gripper | None = None,
         *,
         mass: Positive | None = None,
         period: Positive = 0.05,
@@ -83,7 +83,7 @@ class GraspSampler(LeafSystem):
         """
         super().__init__()
         self._sampler = sampler
-        self._recheck = None if gripper is None else partial(recheck_grasps, gripper=gripper)
+        self._recheck = None if gripper is None else recheck_of(gripper)
         self._payload_model = None if gripper is None else PayloadModel(gripper, mass)
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._rest = rest

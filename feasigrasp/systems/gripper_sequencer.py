@@ -33,7 +33,7 @@ from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.quantities import Positive, PositiveShare
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -124,7 +124,7 @@ class GripperSequencer(LeafSystem):
     def __init__(
         self,
         config: GraspSequenceConfig,
-        gripper: ParallelGripper,
+        gripper: Gripper,
         *,
         period: Positive = ReachabilityConfig.period,
         speed: PositiveShare = 1.0,

@@ -11,7 +11,7 @@ from feasigrasp.models.geometry.se3_kernels import inverse_kernel, so3_log_kerne
 from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import arm_condition_kernel, forward_kinematics
 from feasigrasp.systems.ports import declare_input, optional, weakly
@@ -76,7 +76,7 @@ class Metrics(LeafSystem):
     """
 
     @checked()
-    def __init__(self, gripper: ParallelGripper, arm: Arm = IIWA_7) -> None:
+    def __init__(self, gripper: Gripper, arm: Arm = IIWA_7) -> None:
         """Metrics for an arm that carries ``gripper``."""
         super().__init__()
         self._gripper, self._arm = gripper, arm

@@ -21,7 +21,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.scenario.parts import Part, make_named
 from feasigrasp.scenario.schema import Execution, Scenario, Segmentation
@@ -86,7 +86,7 @@ class Cell:
 
     builder: DiagramBuilder
     scenario: Scenario
-    gripper: ParallelGripper
+    gripper: Gripper
     arm: Arm
     station: Station
     mask: MaskFn | None = None

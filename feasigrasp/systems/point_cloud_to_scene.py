@@ -19,7 +19,7 @@ from feasigrasp.models.clouds.observed_space import DepthView, ObservedSpace
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.grids import ARM_BOX, obstacle_grid
 from feasigrasp.models.shape.scene_field import SceneField, fit_scene
@@ -64,7 +64,7 @@ class PointCloudToScene(LeafSystem):
         self,
         ignored_labels: Iterable[int],
         *,
-        gripper: ParallelGripper | None = None,
+        gripper: Gripper | None = None,
         period: float = SceneConfig.period,
         resolution: float = SceneConfig.resolution,
         arm: Arm = IIWA_7,

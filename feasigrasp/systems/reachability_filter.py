@@ -23,7 +23,7 @@ from feasigrasp.models.reach.feasible_grasps import JudgedGrasps, feasible_grasp
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -60,7 +60,7 @@ class ViewFilter(LeafSystem):
 
     def __init__(
         self,
-        gripper: ParallelGripper,
+        gripper: Gripper,
         camera: Camera,
         standoff: float = 0.0,
         arm: Arm = IIWA_7,
@@ -139,7 +139,7 @@ class SceneFilter(LeafSystem):
     """
 
     def __init__(
-        self, gripper: ParallelGripper, *, margin: float = 0.005, either_way_round: bool = False
+        self, gripper: Gripper, *, margin: float = 0.005, either_way_round: bool = False
     ) -> None:
         """A filter for one hand.
 

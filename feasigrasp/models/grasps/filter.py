@@ -31,7 +31,7 @@ from feasigrasp.models.grasps.success_probability import (
     probability,
 )
 from feasigrasp.models.quantities import POSES, ArrayOf, Whole
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.shape.gpdf import unit_normals
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 
@@ -186,7 +186,7 @@ def _apply(
     return grasps.select(passed).counted(dropped), pair_of[passed]
 
 
-def _above_table(grasps: GraspSet, plane: Array, gripper: ParallelGripper) -> GraspSet:
+def _above_table(grasps: GraspSet, plane: Array, gripper: Gripper) -> GraspSet:
     """The grasps whose hand is above a plane, turned by half a turn where that is what it takes."""
     as_is, flipped = (above_table(X, plane, gripper) for X in (grasps.X_OG, grasps.X_OG @ FLIP))
     turn = ~as_is & flipped
@@ -194,7 +194,7 @@ def _above_table(grasps: GraspSet, plane: Array, gripper: ParallelGripper) -> Gr
     return replace(grasps, X_OG=poses).select(as_is | flipped, Rejection.HITS_TABLE)
 
 
-def above_table(X_OG: Array, plane: Array, gripper: ParallelGripper) -> Mask:
+def above_table(X_OG: Array, plane: Array, gripper: Gripper) -> Mask:
     """Mask of poses (n, 4, 4) at which the open hand is above a plane (4,), see `filter_grasps`."""
     hand = gripper.surface_points(gripper.max_opening)
     # Heights of points along the axes of every hand, and of their origins.

@@ -9,7 +9,7 @@ from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.geometry.se3 import make_pose, perpendiculars
 from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import FLIP
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 
 #: Corners of a box of edge length 2, and its 12 outward-facing triangles. Source: layout.
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
@@ -17,7 +17,7 @@ _QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), 
 _FACES = np.array([f for a, b, c, d in _QUADS for f in ((a, b, c), (a, c, d))])
 
 
-def gripper_glyph(gripper: ParallelGripper, thickness: float = 0.003) -> tuple[Array, Indices]:
+def gripper_glyph(gripper: Gripper, thickness: float = 0.003) -> tuple[Array, Indices]:
     """A fork in the grasp frame G: two open fingers, the bar that joins them, and a stem.
 
     The inner faces of the fingers are ``max_opening`` apart, as the pads are when the hand comes;

@@ -1,4 +1,4 @@
-"""A set of parallel-jaw grasps of one object, in the object frame."""
+"""A set of grasps of one object, in the object frame."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices
-from feasigrasp.models.grasps.pad_load import PadLoad
+from feasigrasp.models.grasps.pad_load import Load
 from feasigrasp.models.quantities import POSES, ArrayOf, Whole
 from feasigrasp.models.shape.gpdf import Gpdf
 
@@ -35,6 +35,7 @@ class Rejection(StrEnum):
     OFF_SURFACE = "off the surface"
     NOTHING_BETWEEN = "nothing between the pads"
     NOT_ANTIPODAL = "not antipodal"
+    NOT_FLAT = "not flat enough for the cup"
     COLLIDES = "gripper collides"
     HITS_SCENE = "hits the scene"
     UNOBSERVED = "in space that was never seen"
@@ -46,10 +47,11 @@ class Rejection(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class GraspSet(Frozen):
-    """Parallel-jaw grasps of one object, in the object frame O.
+    """Grasps of one object, in the object frame O.
 
     Frame G of a grasp has its origin midway between the two contacts; ``x`` is the closing
-    direction, ``z`` the approach direction and ``y = z x x``. The arrays are read-only and a deep
+    direction, ``z`` the approach direction and ``y = z x x``. For a suction cup the origin is the
+    middle of its lip, and the width its diameter. The arrays are read-only and a deep
     copy is the object itself, so that a set can travel through Drake's abstract ports for free.
 
     Attributes:
@@ -61,7 +63,7 @@ class GraspSet(Frozen):
         id: Identity in successive sets of one object, shape (n,): a grasp keeps its number as
             long as it is found again (see ``grasp_matching``). `UNKNOWN` for grasps that no earlier
             set was compared with; a grasp and its flip have the same number.
-        load: What the pads would have to bear (see `feasigrasp.models.grasps.payload`); None if
+        load: What the hand would have to bear (see `feasigrasp.models.grasps.payload`); None if
             unrated.
         payload_score: How sure they are to bear it as the object is turned now, 1 and more for sure
             (see `feasigrasp.models.grasps.payload`), shape (n,); None if unrated.
@@ -76,7 +78,7 @@ class GraspSet(Frozen):
     id: Annotated[Indices, ArrayOf(("k",), dtype=np.int64)] = field(
         default_factory=lambda: np.zeros(0, dtype=np.int64)
     )
-    load: PadLoad | None = None
+    load: Load | None = None
     payload_score: Annotated[Array, ArrayOf(("n",))] | None = None
     on_object: Annotated[Indices, _NUMBERS_OF_ALL] | None = None
 

@@ -19,14 +19,14 @@ from feasigrasp.models.grasps.success_probability import (
     odds,
     probability,
 )
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.shape.gpdf import INVENTED, MARGIN_GROWTH, surface_deviation
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.scene_field import SceneField
 
 
 def scene_clear(
-    scene: SceneField, X_WG: ArrayLike, gripper: ParallelGripper, margin: float = 0.005
+    scene: SceneField, X_WG: ArrayLike, gripper: Gripper, margin: float = 0.005
 ) -> Mask:
     """Mask of open-hand poses with clearance from a scene.
 
@@ -45,7 +45,7 @@ def scene_clear(
 
 
 def unobserved_clear(
-    scene: SceneField, X_WG: ArrayLike, gripper: ParallelGripper, margin: float = 0.005
+    scene: SceneField, X_WG: ArrayLike, gripper: Gripper, margin: float = 0.005
 ) -> Mask:
     """Mask of open-hand poses with clearance from unobserved space; as `scene_clear`."""
     points = _hand_points(X_WG, gripper)
@@ -53,7 +53,7 @@ def unobserved_clear(
     return np.asarray((distance >= margin).reshape(points.shape[:2]).all(axis=1))
 
 
-def _hand_points(X_WG: ArrayLike, gripper: ParallelGripper) -> Array:
+def _hand_points(X_WG: ArrayLike, gripper: Gripper) -> Array:
     """Points on the open hand at each of n poses, shape (n, k, 3) [m]."""
     poses = np.asarray(X_WG, dtype=float).reshape(-1, 4, 4)
     hand = gripper.surface_points(gripper.max_opening)
@@ -75,7 +75,7 @@ def hand_freedom(
     gpdf: Gpdf,
     grasps: GraspSet,
     learned: Array,
-    gripper: ParallelGripper,
+    gripper: Gripper,
     enough: int,
 ) -> tuple[Mask, Array]:
     """Mask of collision-free open hands, with probabilities.
@@ -112,7 +112,7 @@ def hand_freedom(
 
 
 def hand_clearance(
-    gpdf: Gpdf, X_OG: ArrayLike, gripper: ParallelGripper, near: float = 0.0
+    gpdf: Gpdf, X_OG: ArrayLike, gripper: Gripper, near: float = 0.0
 ) -> tuple[Array, Array]:
     """Clearance of the whole open hand from the surface, for the worse of both flips.
 
@@ -137,7 +137,7 @@ def hand_clearance(
 
 
 def observed_clearance(
-    gpdf: Gpdf, X_OG: Array, gripper: ParallelGripper, invented: float = np.inf
+    gpdf: Gpdf, X_OG: Array, gripper: Gripper, invented: float = np.inf
 ) -> Array:
     """Clearance as in `hand_clearance`, but without surface in observed free space.
 
@@ -166,7 +166,7 @@ def observed_clearance(
 
 
 @lru_cache(maxsize=8)
-def _either_way_round(gripper: ParallelGripper) -> Array:
+def _either_way_round(gripper: Gripper) -> Array:
     """Points on the open hand and on its flip, without those that coincide, shape (k, 3) [m]."""
     hand = gripper.surface_points(gripper.max_opening)
     hand = np.concatenate([hand, hand @ FLIP[:3, :3]])

@@ -7,7 +7,9 @@ where they press: on small patches, such as a hammer's head between the pads, th
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -90,48 +92,84 @@ GRAVITY, HAND_ACCELERATION = 9.81, 2.0
 GRIP_SPREAD = 0.4
 
 
+def unit_gravity(down: ArrayLike) -> Array:
+    """Direction of gravity as a unit vector (3,).
+
+    Raises:
+        GraspError: It is none.
+    """
+    g = np.asarray(down, dtype=float)
+    if g.shape != (3,) or not np.linalg.norm(g) > 0.0:
+        raise GraspError(f"down = {down!r}: give the direction of gravity, three numbers")
+    return np.asarray(g / np.linalg.norm(g))
+
+
 @dataclass(frozen=True, eq=False)
-class PadLoad(Frozen):
-    """Loads on the pads in n grasps of one object.
+class Load(Frozen, ABC):
+    """Loads on a hand in n grasps of one object.
 
     Attributes:
         R_OG: Axes of the grasp frames, in O, shape (n, 3, 3).
-        lever: From the pads to the centre of mass, in O, shape (n, 3) [m].
+        lever: From the contact to the centre of mass, in O, shape (n, 3) [m].
         body: Mass and centre of mass of the object, and their errors.
-        force: Tangential force that both pads bear, shape (n,) [N].
-        moment: Moments about the axes of the grasp frame that both bear, shape (n, 3) [Nm].
     """
 
     R_OG: Array
     lever: Array
     body: MassEstimate
-    force: Array
-    moment: Array
+    _per_grasp: ClassVar[tuple[str, ...]] = ("R_OG", "lever")
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        names = ("R_OG", "lever", "force", "moment")
-        self._freeze(**{name: np.array(getattr(self, name), dtype=float) for name in names})
+        self._freeze(**{k: np.array(getattr(self, k), dtype=float) for k in self._per_grasp})
 
-    def select(self, keep: NDArray[np.generic]) -> PadLoad:
+    def select(self, keep: NDArray[np.generic]) -> Self:
         """The loads of the grasps that ``keep`` (mask or indices) names."""
-        return replace(
-            self,
-            R_OG=self.R_OG[keep],
-            lever=self.lever[keep],
-            force=self.force[keep],
-            moment=self.moment[keep],
-        )
+        parts: dict[str, Any] = {k: getattr(self, k)[keep] for k in self._per_grasp}
+        return replace(self, **parts)
 
-    def joined(self, other: PadLoad) -> PadLoad:
+    def joined(self, other: Load) -> Self:
         """Concatenation of two loads of the same object."""
-        return replace(
-            self,
-            R_OG=np.concatenate([self.R_OG, other.R_OG]),
-            lever=np.concatenate([self.lever, other.lever]),
-            force=np.concatenate([self.force, other.force]),
-            moment=np.concatenate([self.moment, other.moment]),
-        )
+        pairs = {k: (getattr(self, k), getattr(other, k)) for k in self._per_grasp}
+        parts: dict[str, Any] = {k: np.concatenate(pair) for k, pair in pairs.items()}
+        return replace(self, **parts)
+
+    @abstractmethod
+    def per_kilogram(self, down: ArrayLike | None = None) -> Array:
+        """Share of what the hand bears that one kilogram of the object takes, shape (n,).
+
+        Args:
+            down: Direction of gravity in O, shape (3,); None for the worst one.
+        """
+
+    def probability(self, down: ArrayLike | None = None, best: float | None = None) -> Array:
+        """Probability that the hand bears weight and inertial load, shape (n,).
+
+        Args:
+            down: Direction of gravity in O, shape (3,); None for the worst one for each grasp.
+            best: The object is no heavier than one of the grasps carries so likely; without it, as
+                heavy as estimated.
+        """
+        share = self.body.mass * self.per_kilogram(down)
+        spread = np.hypot(self.body.spread, GRIP_SPREAD)
+        margin = -np.log(share) / spread
+        if best is not None and np.isfinite(margin.max()):  # else none bears anything
+            margin += max(0.0, ndtri(best) - margin.max())
+        return np.asarray(ndtr(margin))
+
+
+@dataclass(frozen=True, eq=False)
+class PadLoad(Load):
+    """Loads on the pads in n grasps of one object.
+
+    Attributes:
+        force: Tangential force that both pads bear, shape (n,) [N].
+        moment: Moments about the axes of the grasp frame that both bear, shape (n, 3) [Nm].
+    """
+
+    force: Array
+    moment: Array
+    _per_grasp = (*Load._per_grasp, "force", "moment")
 
     def per_kilogram(self, down: ArrayLike | None = None) -> Array:
         """Share of what the pads bear that one kilogram of the object takes, shape (n,).
@@ -146,10 +184,7 @@ class PadLoad(Frozen):
         if down is None:
             sideways, turning = np.ones(len(r)), beside + e * e
         else:
-            g = np.asarray(down, dtype=float)
-            if g.shape != (3,) or not np.linalg.norm(g) > 0.0:
-                raise GraspError(f"down = {down}: give the direction of gravity, three numbers")
-            g = self.R_OG.transpose(0, 2, 1) @ (g / np.linalg.norm(g))
+            g = self.R_OG.transpose(0, 2, 1) @ unit_gravity(down)
             across = np.maximum(1.0 - g**2, 0.0)
             sideways, turning = across[:, 0], np.cross(r, g) ** 2 + across * e * e
         force = GRAVITY * np.sqrt(sideways) + HAND_ACCELERATION
@@ -158,18 +193,3 @@ class PadLoad(Frozen):
         with np.errstate(divide="ignore"):  # a patch of one cell bears no moment
             shares = np.column_stack([force / self.force, moment / self.moment])
         return np.asarray(np.linalg.norm(shares, axis=1))
-
-    def probability(self, down: ArrayLike | None = None, best: float | None = None) -> Array:
-        """Probability that the pads bear weight and inertial load, shape (n,).
-
-        Args:
-            down: Direction of gravity in O, shape (3,); None for the worst one for each grasp.
-            best: The object is no heavier than one of the grasps carries so likely; without it, as
-                heavy as estimated.
-        """
-        share = self.body.mass * self.per_kilogram(down)
-        spread = np.hypot(self.body.spread, GRIP_SPREAD)
-        margin = -np.log(share) / spread
-        if best is not None and np.isfinite(margin.max()):  # else none bears anything
-            margin += max(0.0, ndtri(best) - margin.max())
-        return np.asarray(ndtr(margin))

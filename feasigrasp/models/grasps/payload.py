@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
-from feasigrasp.models.grasps.pad_load import PadLoad, estimate_mass
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.grasps.pad_load import Load, PadLoad, estimate_mass
+from feasigrasp.models.grasps.seal import CupLoad
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper, SuctionCup
 from feasigrasp.models.shape.gpdf import Gpdf
 
 # What two soft pads can hold: pressure on the patches they touch, and the moment of its friction.
@@ -151,7 +152,7 @@ class PayloadModel:
         GraspError: The mass is not a positive number.
     """
 
-    gripper: ParallelGripper
+    gripper: Gripper
     mass: float | None = None
 
     def __post_init__(self) -> None:
@@ -160,11 +161,16 @@ class PayloadModel:
             raise GraspError(f"mass = {self.mass}: give kilograms, or None if it is not known")
 
     def with_loads(self, gpdf: Gpdf, grasps: GraspSet) -> GraspSet:
-        """The grasps with the loads of their pads (`GraspSet.load`)."""
+        """The grasps with the loads of their pads or cup (`GraspSet.load`)."""
         if len(grasps) == 0:
             return grasps
-        grip = grip_of(gpdf, grasps, self.gripper)
-        body = estimate_mass(gpdf, self.mass)
+        body, gripper = estimate_mass(gpdf, self.mass), self.gripper
+        if isinstance(gripper, SuctionCup):
+            lever = body.p_OC - grasps.X_OG[:, :3, 3]
+            load: Load = CupLoad(grasps.X_OG[:, :3, :3], lever, body, gripper)
+            return replace(grasps, load=load)
+        assert isinstance(gripper, ParallelGripper)
+        grip = grip_of(gpdf, grasps, gripper)
         load = PadLoad(
             R_OG=grasps.X_OG[:, :3, :3],
             lever=body.p_OC - grip.p_OP,

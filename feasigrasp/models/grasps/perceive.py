@@ -17,7 +17,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.payload import PayloadModel, payload_filtered
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler
 from feasigrasp.models.quantities import CLOUD, POINT, ArrayOf, Positive, Whole
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.segmentation.tabletop import check_no_table
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
@@ -40,7 +40,7 @@ class Perception:
     cloud: FusedCloud
     gpdf: Gpdf
     grasps: GraspSet
-    gripper: ParallelGripper
+    gripper: Gripper
     viewpoint: Annotated[Array, POINT] | None
     outliers: Whole
     down: Annotated[Array, POINT] | None = None
@@ -57,7 +57,7 @@ def perceive(
     *,
     sampler: str | GraspSamplerFn = SamplerName.NETWORK,
     voxel_size: Positive = 0.003,
-    gripper: ParallelGripper | None = None,
+    gripper: Gripper | None = None,
     seed: Whole = 0,
     mass: Positive | None = None,
     down: Annotated[ArrayLike, POINT] | None = None,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -16,9 +18,14 @@ from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.network.network import load_grasp_network
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
-from feasigrasp.models.grasps.non_maximum_suppression import LEAST_SCORE, suppress_non_maxima
+from feasigrasp.models.grasps.non_maximum_suppression import (
+    LEAST_SCORE,
+    recheck_grasps,
+    suppress_non_maxima,
+)
+from feasigrasp.models.grasps.suction import SuctionSampler, recheck_suction
 from feasigrasp.models.quantities import Count, Share, Whole
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper, SuctionCup
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.plugins import load_plugin, plugins
 
@@ -75,10 +82,18 @@ class Unfiltered:
         return suppress_non_maxima(grasps, self.sampler.n_grasps, least_score=0.0)
 
 
+def recheck_of(gripper: Gripper) -> Callable[[Gpdf, GraspSet], GraspSet]:
+    """What checks earlier grasps of a hand on a new field: its contact model."""
+    if isinstance(gripper, SuctionCup):
+        return partial(recheck_suction, gripper=gripper)
+    assert isinstance(gripper, ParallelGripper)
+    return partial(recheck_grasps, gripper=gripper)
+
+
 @checked(GraspError)
 def make_sampler(
     name: str = SamplerName.NETWORK,
-    gripper: ParallelGripper | None = None,
+    gripper: Gripper | None = None,
     *,
     filtered: bool = True,
     n_candidates: Count = 800,
@@ -91,7 +106,7 @@ def make_sampler(
     Whatever is called like that, ``sampler(gpdf) -> GraspSet``, can take its place.
 
     Args:
-        name: One of `SamplerName`.
+        name: One of `SamplerName`; a suction cup has a sampler of its own, `SuctionSampler`.
         gripper: The hand; the default one unless given.
         filtered: Whether what is proposed is judged on the field; if not, it is taken as it comes.
         n_candidates: Grasps that are filtered, at most.
@@ -108,9 +123,13 @@ def make_sampler(
     """
     chosen = parse_word(sampler_names(), name, "sampler", GraspError)
     gripper = gripper or ParallelGripper()
+    least = LEAST_SCORE if least_score is None else least_score
+    if isinstance(gripper, SuctionCup):
+        suction = SuctionSampler(gripper, 2 * n_candidates, n_grasps, least)
+        return suction if filtered else Unfiltered(suction)
+    assert isinstance(gripper, ParallelGripper)
     if chosen in plugins("samplers"):
         make = load_plugin("samplers", chosen)
-        least = LEAST_SCORE if least_score is None else least_score
         counts = {"n_candidates": n_candidates, "n_grasps": n_grasps}
         added: Proposer = make(gripper, **counts, least_score=least, seed=seed)
         return added if filtered else Unfiltered(added)
@@ -119,7 +138,7 @@ def make_sampler(
             gripper,
             n_candidates=n_candidates,
             n_grasps=n_grasps,
-            least_score=LEAST_SCORE if least_score is None else least_score,
+            least_score=least,
             seed=seed,
         )
         return antipodal if filtered else Unfiltered(antipodal)

@@ -27,7 +27,7 @@ from feasigrasp.models.reach.kernels import (
 )
 from feasigrasp.models.robot.arm import Arm, Family
 from feasigrasp.models.robot.capsules import capsule_model
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 
@@ -68,7 +68,7 @@ class Reachability(Frozen):
         table_height: Height of the table top in the base frame [m].
     """
 
-    gripper: ParallelGripper = field(default_factory=ParallelGripper)
+    gripper: Gripper = field(default_factory=ParallelGripper)
     n_arm_angles: Count = 12
     limit_margin: float = 0.05
     clearance: float = 0.02

@@ -1,7 +1,7 @@
 """Models of arm and hand: data, kinematics, collisions."""
 
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
+from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper, SuctionCup
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import (
     forward_kinematics,
@@ -14,6 +14,7 @@ __all__ = [
     "WSG_50",
     "Arm",
     "ParallelGripper",
+    "SuctionCup",
     "forward_kinematics",
     "manipulability",
     "pose_and_jacobian",

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.robot.arm import Arm, Capsule
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 HAND_NAMES = ("palm", "left_finger", "right_finger", "camera")
@@ -60,7 +60,7 @@ class CapsuleModel(NamedTuple):
         return model
 
 
-def hand_capsules(gripper: ParallelGripper | None = None, arm: Arm = IIWA_7) -> tuple[Capsule, ...]:
+def hand_capsules(gripper: Gripper | None = None, arm: Arm = IIWA_7) -> tuple[Capsule, ...]:
     """The capsules of palm, opened fingers and wrist camera, carried by the last link.
 
     They hold the boxes of `ParallelGripper` and what the hand's visible bodies add to them: the
@@ -68,15 +68,15 @@ def hand_capsules(gripper: ParallelGripper | None = None, arm: Arm = IIWA_7) -> 
     """
     gripper = gripper or ParallelGripper()
     X_LG = arm.X_LF @ gripper.X_FG
-    palm, left_finger, right_finger, camera = range(arm.joints + 1, arm.joints + 5)
+    palm, first, _, camera = range(arm.joints + 1, arm.joints + 5)
 
     def capsule(body: int, a: ArrayLike, b: ArrayLike, radius: float) -> Capsule:
         ends = np.array([a, b]) @ X_LG[:3, :3].T + X_LG[:3, 3]
         return Capsule(body, tuple(ends[0].tolist()), tuple(ends[1].tolist()), float(radius))
 
     palm_x, palm_y, palm_z = np.array(gripper.palm_size) / 2
-    reach = gripper.max_opening / 2 + gripper.finger_thickness
-    guide = np.array([reach, gripper.finger_width / 2, palm_z]) + (0.003, 0.003, 0.0)
+    reach_x, reach_y, _ = gripper.reach
+    guide = np.array([reach_x, reach_y, palm_z]) + (0.003, 0.003, 0.0)
     palm_radius = 1.1 * max(np.hypot(palm_y, palm_z), np.hypot(*guide[1:]))
     palm_half = max(
         half - np.sqrt(palm_radius**2 - y**2 - palm_z**2)
@@ -84,34 +84,25 @@ def hand_capsules(gripper: ParallelGripper | None = None, arm: Arm = IIWA_7) -> 
     )
     palm_half = max(palm_half, 0.001)
     middle = gripper.heel - palm_z
-
-    thick, wide = gripper.finger_thickness / 2 + 0.0006, gripper.finger_width / 2
-    # Fatter than it must be to be shorter: it ends less far in front of the finger's tip.
-    finger = 1.3 * np.hypot(thick, wide)
-    top = gripper.tip - np.sqrt(finger**2 - thick**2 - wide**2)
-    x = gripper.max_opening / 2 + gripper.finger_thickness / 2
     length, height, _ = gripper.camera_box
     _, y, z = gripper.camera_center
     back = gripper.heel - 2 * palm_z
     return (
         capsule(palm, [-palm_half, 0, middle], [palm_half, 0, middle], palm_radius),
         capsule(palm, [0, 0, back - 0.014], [0, y, back - 0.014], 0.024),
-        capsule(left_finger, [x, 0, gripper.heel], [x, 0, top], finger),
-        capsule(right_finger, [-x, 0, gripper.heel], [-x, 0, top], finger),
+        *(capsule(first + k, *each) for k, each in enumerate(gripper.capsules())),
         capsule(camera, [-length / 2, y, z], [length / 2, y, z], height / np.sqrt(2)),
     )
 
 
-def hand_points(gripper: ParallelGripper | None = None, arm: Arm = IIWA_7) -> Array:
+def hand_points(gripper: Gripper | None = None, arm: Arm = IIWA_7) -> Array:
     """Points all over the opened hand in the frame of the last link, shape (k, 3) [m]."""
     gripper = gripper or ParallelGripper()
     X_LG = arm.X_LF @ gripper.X_FG
     return gripper.skin_points(gripper.max_opening) @ X_LG[:3, :3].T + X_LG[:3, 3]
 
 
-def body_pairs_of(
-    gripper: ParallelGripper | None = None, arm: Arm = IIWA_7
-) -> Sequence[tuple[int, int]]:
+def body_pairs_of(gripper: Gripper | None = None, arm: Arm = IIWA_7) -> Sequence[tuple[int, int]]:
     """The pairs of bodies that are kept apart, the one nearer to the base first.
 
     Of the default hand those that can come close; any other hand is kept off all links but the two
@@ -125,7 +116,7 @@ def body_pairs_of(
 
 
 def capsule_model(
-    gripper: ParallelGripper | None = None,
+    gripper: Gripper | None = None,
     arm: Arm = IIWA_7,
     *,
     with_hand: bool = True,

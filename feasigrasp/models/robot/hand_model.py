@@ -1,4 +1,4 @@
-"""Generated simulation model of a parallel gripper."""
+"""Generated simulation model of a hand: fingers with pads, or a suction cup on a stem."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper, SuctionCup
 
 #: Thickness of a finger's pad [m]. Source: guessed.
 PAD_THICKNESS = 0.006
@@ -79,8 +79,8 @@ _COLLISION = """    <collision name="{name}">
       </geometry>
       <drake:proximity_properties>
         <drake:compliant_hydroelastic />
-        <drake:hydroelastic_modulus value="10000000" />
-        <drake:hunt_crossley_dissipation value="20" />
+        <drake:hydroelastic_modulus value="{modulus}" />
+{hint}        <drake:hunt_crossley_dissipation value="20" />
         <drake:mu_static value="{friction}" />
         <drake:mu_dynamic value="{friction}" />
       </drake:proximity_properties>
@@ -98,10 +98,21 @@ _JOINT = """  <joint name="{side}_finger_joint" type="prismatic">
 """
 _MIMIC = """    <mimic joint="left_finger_joint" multiplier="1" offset="0" />
 """
+#: Length of the edges of a cylinder's mesh [m]. Source: numerical.
+_HINT = """        <drake:mesh_resolution_hint value="0.006" />
+"""
+#: Angles of G in the flange frame [rad]. Source: layout.
+_TURN = "0 0 1.570796327"
 _ROBOT = """<?xml version="1.0"?>
 <!-- Written by models/iiwa/make_models.py. -->
 <robot xmlns:drake="http://drake.mit.edu" name="gripper">
-{links}{joints}  <transmission name="left_finger_joint_transmission">
+{links}{more}  <frame name="grasp_frame" link="gripper_body" xyz="{grasp}" rpy="{turn}" />
+  <drake:collision_filter_group name="group_gripper">
+{members}    <drake:ignored_collision_filter_group name="group_gripper" />
+  </drake:collision_filter_group>
+</robot>
+"""
+_TRANSMISSION = """  <transmission name="left_finger_joint_transmission">
     <type>SimpleTransmission</type>
     <joint name="left_finger_joint" />
     <actuator name="left_finger_joint">
@@ -109,14 +120,8 @@ _ROBOT = """<?xml version="1.0"?>
       <drake:gear_ratio value="1" />
     </actuator>
   </transmission>
-  <frame name="grasp_frame" link="gripper_body" xyz="{grasp}" rpy="0 0 1.570796327" />
-  <drake:collision_filter_group name="group_gripper">
-    <drake:member link="gripper_body" />
-    <drake:member link="left_finger" />
-    <drake:member link="right_finger" />
-    <drake:ignored_collision_filter_group name="group_gripper" />
-  </drake:collision_filter_group>
-</robot>
+"""
+_MEMBER = """    <drake:member link="{}" />
 """
 
 
@@ -130,10 +135,12 @@ def _numbers(values: ArrayLike) -> str:
     return " ".join(map(_number, np.round(np.asarray(values, dtype=float), 12)))
 
 
-def _collision(name: str, center: ArrayLike, geometry: str) -> str:
+def _collision(
+    name: str, center: ArrayLike, geometry: str, modulus: float = 1e7, hint: str = ""
+) -> str:
     # Static and dynamic friction of pads, fingers and palm. Source: guessed.
-    values = {"center": _numbers(center), "friction": 0.8}
-    return _COLLISION.format(name=name, geometry=geometry, **values)
+    values = {"center": _numbers(center), "friction": 0.8, "modulus": f"{modulus:.0f}"}
+    return _COLLISION.format(name=name, geometry=geometry, hint=hint, **values)
 
 
 def _box_size(size: ArrayLike) -> str:
@@ -180,11 +187,7 @@ def gripper_urdf(gripper: ParallelGripper, mesh: Mesh | None = None) -> str:
             f"to be more than that of the pad on it, {PAD_THICKNESS} m"
         )
     mesh = mesh or _packaged
-    palm_x, palm_y, palm_z = gripper.palm_size
-    center = np.array([0.0, 0.0, gripper.tool_offset + gripper.heel - palm_z / 2])
-    palm = np.array([palm_y, palm_x, palm_z])  # x_G is y_F
-    collision = _collision("palm", center, _box_size(palm))
-    links = _link("gripper_body", BODY_MASS, center, palm, mesh("gripper_body"), collision)
+    links = _body(gripper, BODY_MASS, mesh)
     links += "".join(_finger(side, sign, gripper, mesh) for side, sign in SIDES)
     grasp, joints = _numbers(gripper.X_FG[:3, 3]), ""
     for side, sign in SIDES:
@@ -199,10 +202,45 @@ def gripper_urdf(gripper: ParallelGripper, mesh: Mesh | None = None) -> str:
             effort=_number(2.0 * gripper.grip_force if left else 0.0),
             mimic="" if left else _MIMIC,
         )
-    return _ROBOT.format(links=links, joints=joints, grasp=grasp)
+    names = ("gripper_body", "left_finger", "right_finger")
+    members = "".join(map(_MEMBER.format, names))
+    return _robot(links, gripper, members, joints + _TRANSMISSION)
 
 
-def camera_pose(gripper: ParallelGripper) -> Array:
+def _robot(links: str, gripper: Gripper, members: str, more: str = "") -> str:
+    grasp = _numbers(gripper.X_FG[:3, 3])
+    return _ROBOT.format(links=links, more=more, grasp=grasp, turn=_TURN, members=members)
+
+
+def _body(gripper: Gripper, mass: float, mesh: Mesh, more: str = "") -> str:
+    """The link of the palm, and of what does not move in it."""
+    palm_x, palm_y, palm_z = gripper.palm_size
+    center = np.array([0.0, 0.0, gripper.tool_offset + gripper.heel - palm_z / 2])
+    palm = np.array([palm_y, palm_x, palm_z])  # x_G is y_F
+    collision = _collision("palm", center, _box_size(palm)) + more
+    return _link("gripper_body", mass, center, palm, mesh("gripper_body"), collision)
+
+
+def cup_urdf(cup: SuctionCup, mesh: Mesh) -> str:
+    """Text of the URDF of a cup; its lip is so soft that it yields to what it is set down on."""
+    # Pressure of the lip where it is pressed in by half its height [Pa]. Source: guessed.
+    softness = 1e4
+    parts = ""
+    for name, radius, low, high in _cup_parts(cup):
+        middle = [0.0, 0.0, cup.tool_offset + (low + high) / 2]
+        shape = f'cylinder radius="{_number(radius)}" length="{_number(high - low)}"'
+        parts += _collision(name, middle, shape, softness if name == "lip" else 1e7, _HINT)
+    body = _body(cup, BODY_MASS + 2 * FINGER_MASS, mesh, parts)
+    return _robot(body, cup, _MEMBER.format("gripper_body"))
+
+
+def _cup_parts(cup: SuctionCup) -> list[tuple[str, float, float, float]]:
+    """Names, radii and ends in G of stem and lip."""
+    back = -cup.height
+    return [("stem", cup.stem_radius, cup.heel, back), ("lip", cup.radius, back, 0.0)]
+
+
+def camera_pose(gripper: Gripper) -> Array:
     """Pose X_FC of ``camera_body`` in the flange frame.
 
     X_C = -x_G, Y_C = -y_G and Z_C = z_G, turned about X_C so that Z_C leans to the tool axis.
@@ -214,7 +252,7 @@ def camera_pose(gripper: ParallelGripper) -> Array:
     return gripper.X_FG @ X_GC
 
 
-def hand_files(gripper: ParallelGripper) -> dict[str, str]:
+def hand_files(gripper: Gripper) -> dict[str, str]:
     """Texts of the files of a hand that has no packaged model, by name; all lie in one folder.
 
     Its visual geometry is its boxes, and the column between the flange and its palm.
@@ -230,6 +268,13 @@ def hand_files(gripper: ParallelGripper) -> dict[str, str]:
     body = [_box([palm_y, palm_x, palm_z], [0.0, 0.0, back + palm_z / 2])]
     if back > 0.0:
         body.append(_box([column, column, back], [0.0, 0.0, back / 2]))
+    if isinstance(gripper, SuctionCup):
+        for _, radius, low, high in _cup_parts(gripper):
+            part = trimesh.creation.cylinder(radius, high - low, sections=24)
+            part.apply_translation([0.0, 0.0, gripper.tool_offset + (low + high) / 2])
+            body.append(part)
+        return {"gripper.urdf": cup_urdf(gripper, mesh), mesh("gripper_body"): _obj(body)}
+    assert isinstance(gripper, ParallelGripper)
     files = {"gripper.urdf": gripper_urdf(gripper, mesh), mesh("pad"): pad_vtk(gripper)}
     files[mesh("gripper_body")] = _obj(body)
     length = gripper.tip - gripper.heel

@@ -18,7 +18,7 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import capsule_model
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
@@ -80,7 +80,7 @@ class Boxes(NamedTuple):
         return cls(np.zeros((0, 4, 4)), np.zeros((0, 3)))
 
 
-def hand_boxes(gripper: ParallelGripper, X_WG: Array, opening: float) -> Boxes:
+def hand_boxes(gripper: Gripper, X_WG: Array, opening: float) -> Boxes:
     """Fingers, guide and palm of a hand, its mount, and the camera on its bracket.
 
     Args:
@@ -94,19 +94,15 @@ def hand_boxes(gripper: ParallelGripper, X_WG: Array, opening: float) -> Boxes:
     bracket_half, bracket_depth, bracket_reach = 0.018, 0.026, 0.015
     # The guide in which the fingers run is wider than they are, and so long [m].
     guide_rim, guide_length = 0.003, 0.014
-    thick, wide = gripper.finger_thickness, gripper.finger_width
-    x = max(opening, 0.0) / 2 + thick / 2
-    tip, heel, palm = gripper.tip, gripper.heel, np.array(gripper.palm_size)
+    heel, palm = gripper.heel, np.array(gripper.palm_size)
     back = heel - palm[2]
-    reach = gripper.max_opening / 2 + thick
-    guide = np.array([reach + guide_rim, wide / 2 + guide_rim])
+    guide = np.array([gripper.reach[0] + guide_rim, gripper.reach[1] + guide_rim])
     mount = np.array([mount_half, mount_half])
     camera, housing = np.array(gripper.camera_center), np.array(gripper.camera_box) / 2
     # Lower and upper corners in G.
     corners = np.array(
         [
-            [[x - thick / 2, -wide / 2, heel], [x + thick / 2, wide / 2, tip]],
-            [[-x - thick / 2, -wide / 2, heel], [-x + thick / 2, wide / 2, tip]],
+            *gripper.fingers(opening),
             [[*-guide, heel], [*guide, heel + guide_length]],
             [[*-palm[:2] / 2, back], [*palm[:2] / 2, heel]],
             [[*-mount, -gripper.tool_offset], [*mount, back]],
@@ -125,9 +121,7 @@ def hand_boxes(gripper: ParallelGripper, X_WG: Array, opening: float) -> Boxes:
 class ModeledBodies:
     """The robot and its cell."""
 
-    def __init__(
-        self, gripper: ParallelGripper, cell: Boxes | None = None, arm: Arm = IIWA_7
-    ) -> None:
+    def __init__(self, gripper: Gripper, cell: Boxes | None = None, arm: Arm = IIWA_7) -> None:
         """An arm that carries ``gripper`` in a cell of boxes, by default an empty one."""
         self.gripper, self.arm, self._cell = gripper, arm, cell or Boxes.none()
         self._capsules = capsule_model(arm=arm, with_hand=False)

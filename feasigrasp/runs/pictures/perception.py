@@ -23,7 +23,7 @@ from feasigrasp.models.grasps.glyphs import (
     spread_order,
 )
 from feasigrasp.models.grasps.perceive import Perception
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.shape.gpdf import SurfacePoints
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.outputs import save_figure
@@ -175,7 +175,7 @@ def table_lines(perception: Perception) -> Array:
     )
 
 
-def gripper_outline(gripper: ParallelGripper) -> Array:
+def gripper_outline(gripper: Gripper) -> Array:
     """The open hand as one line in frame G, from the wrist over both fingers, shape (7, 3) [m]."""
     x, tip, heel = gripper.max_opening / 2, gripper.tip, gripper.heel
     wrist = heel - 0.5 * (tip - heel)

@@ -43,7 +43,7 @@ from feasigrasp.models.grasps.sequence import (
     has_closed,
     pressing_since,
 )
-from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
+from feasigrasp.models.robot.gripper import Gripper, load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.checks import check_driver
 from feasigrasp.scenario.sampling import make_hand_eye
@@ -131,7 +131,7 @@ class Handover(LeafSystem):
     #: The sequence of the controller is behind that of the carrier by what messages take [s].
     _LATE = 0.3
 
-    def __init__(self, config: GraspSequenceConfig, gripper: ParallelGripper) -> None:
+    def __init__(self, config: GraspSequenceConfig, gripper: Gripper) -> None:
         """A carrier with a given duration of a grasp."""
         super().__init__()
         self._config, self._gripper = config, gripper

@@ -30,7 +30,8 @@ from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import Demultiplexer, Saturation
 from pydrake.systems.sensors import CameraConfig, PixelType
 
-from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper, load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.checks import check_driver
 from feasigrasp.scenario.schema import Scenario
@@ -165,8 +166,13 @@ class HardwareStation(Diagram):
         builder.Connect(command.get_output_port(), self.request.get_input_port())
         return position, status.GetOutputPort("time_measured")
 
-    def _add_gripper(self, builder: DiagramBuilder, gripper: ParallelGripper) -> OutputPort:
+    def _add_gripper(self, builder: DiagramBuilder, gripper: Gripper) -> OutputPort:
         """Exports the gripper's ports; returns its measured state."""
+        if not isinstance(gripper, ParallelGripper):
+            raise ScenarioError(
+                "gripper: there is no driver of a suction cup; run it in simulation, or choose a "
+                "parallel gripper"
+            )
         status = builder.AddNamedSystem("wsg_status", SchunkWsgStatusReceiver())
         kind = lcmt_schunk_wsg_status
         messages = self._messages(builder, channels.WSG_STATUS, kind, native=True)

@@ -18,7 +18,7 @@ from feasigrasp.models.grasps.glyphs import (
 )
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 from feasigrasp.systems.ports import declare_input, weakly
@@ -92,7 +92,7 @@ class GraspVisualizer(LeafSystem):
     #: Most grasps drawn: enough to show their variety, few enough to see the object.
     MAX_REACHABLE, MAX_DROPPED = 8, 4
 
-    def __init__(self, meshcat: Meshcat, gripper: ParallelGripper, *, period: float = 0.25) -> None:
+    def __init__(self, meshcat: Meshcat, gripper: Gripper, *, period: float = 0.25) -> None:
         """A visualizer of one object's grasps.
 
         Args:

@@ -23,7 +23,7 @@ from feasigrasp.models.quantities import CONFIGURATION
 from feasigrasp.models.reach.reachability import Verdict
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.scene_field import SceneField
@@ -160,7 +160,7 @@ class StatusMonitor(LeafSystem):
 
     def __init__(
         self,
-        gripper: ParallelGripper,
+        gripper: Gripper,
         sequence: GraspSequenceConfig | None = None,
         *,
         period: float = PERIOD,

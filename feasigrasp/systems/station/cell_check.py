@@ -15,7 +15,7 @@ from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: A frame that is off by less is the same; rounded angles of a model file are [m], [rad]. Source:
@@ -28,7 +28,7 @@ FINGER_JOINTS = ("left_finger_joint", "right_finger_joint")
 
 def check_cell(
     plant: MultibodyPlant,
-    gripper: ParallelGripper,
+    gripper: Gripper,
     arm: Arm = IIWA_7,
     *,
     hand_error: ArrayLike = _NONE,
@@ -149,10 +149,11 @@ def _check_limits(plant: MultibodyPlant, instance: ModelInstanceIndex, arm: Arm)
                 )
 
 
-def _check_hand(
-    plant: MultibodyPlant, context: Context, X_WG: Array, gripper: ParallelGripper
-) -> None:
+def _check_hand(plant: MultibodyPlant, context: Context, X_WG: Array, gripper: Gripper) -> None:
     hand = _instance(plant, "gripper")
+    if not isinstance(gripper, ParallelGripper):
+        _compare(plant.GetFrameByName("grasp_frame", hand), context, X_WG, _HAND_MEND)
+        return
     for name in FINGER_JOINTS:
         if not plant.HasJointNamed(name, hand):
             raise ScenarioError(f"the gripper of the cell has no {name}; {_HAND_MEND}")

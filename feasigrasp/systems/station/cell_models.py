@@ -28,7 +28,7 @@ from feasigrasp.models.objects.distractor_bodies import DistractorBody
 from feasigrasp.models.objects.spring_drive import CarrierHold
 from feasigrasp.models.quantities import CONFIGURATION, POSE, NotNegative, Whole
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
@@ -73,7 +73,7 @@ class StationConfig:
 
     plant: MultibodyPlantConfig
     directives: list[ModelDirective] = field(default_factory=list)
-    gripper: ParallelGripper = field(default_factory=ParallelGripper)
+    gripper: Gripper = field(default_factory=ParallelGripper)
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
     arm: Arm = IIWA_7
     q_start: Annotated[np.ndarray, CONFIGURATION] = field(
@@ -125,6 +125,11 @@ def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
         if not config.enforce_constraints:
             joint.set_position_limits([-np.inf], [np.inf])
             actuator.set_effort_limit(np.inf)
+    # The real arm compensates its own weight and its tool's.
+    for instance in robot_instances(plant, arm):
+        plant.set_gravity_enabled(instance, False)
+    if not isinstance(config.gripper, ParallelGripper):
+        return
     gripper = plant.GetModelInstanceByName("gripper")
     finger = plant.GetJointActuatorByName("left_finger_joint", gripper)
     finger.set_controller_gains(PdControllerGains(p=FINGER_KP, d=FINGER_KD))
@@ -135,9 +140,6 @@ def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
         # The end stops of the fingers are this far beyond where they are open [m]. Fingers that
         # just touch them make the contact solver give up when the whole cell is at rest.
         joint.set_position_limits(lower, upper + 5e-5)
-    # The real arm compensates its own weight and its tool's.
-    for instance in robot_instances(plant, arm):
-        plant.set_gravity_enabled(instance, False)
 
 
 def _with_hand_error(config: StationConfig, packages: PackageMap) -> ModelDirectives:

@@ -27,7 +27,7 @@ from feasigrasp.models.objects.static_obstacles import StaticObstacle
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.arm_model import arm_urdf
-from feasigrasp.models.robot.gripper import PACKAGED, ParallelGripper, load_gripper
+from feasigrasp.models.robot.gripper import PACKAGED, Gripper, load_gripper
 from feasigrasp.models.robot.hand_model import camera_pose, hand_files
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
@@ -151,7 +151,7 @@ def _obstacle(obstacle: StaticObstacle) -> list[ModelDirective]:
     ]
 
 
-def hand_urdf(gripper: ParallelGripper) -> Path:
+def hand_urdf(gripper: Gripper) -> Path:
     """A URDF file of a hand, from its description; it lasts as long as the process."""
     return _folder(hand_files(gripper)) / "gripper.urdf"
 

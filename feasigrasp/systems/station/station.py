@@ -22,6 +22,7 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.objects.spring_drive import body_pose_kernel
+from feasigrasp.models.robot.gripper import Gripper, SuctionCup
 from feasigrasp.models.sensors.joint_errors import DrawnJointErrors
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.camera import MeasuredArm, SeenObject, export_camera
@@ -36,6 +37,7 @@ from feasigrasp.systems.station.object_model import (
     set_friction,
 )
 from feasigrasp.systems.station.object_servo import ObjectServo
+from feasigrasp.systems.station.suction_seal import SuctionSeal
 
 
 class _BodyState(LeafSystem):
@@ -112,9 +114,10 @@ class Station(Diagram):
     ``iiwa.torque_measured`` is V7, what the motors of the weightless arm give [Nm], and
     ``iiwa.torque_external`` V7, what contact does to the joints, which the real arm estimates [Nm];
     ``gripper.position`` is the distance between the pads [m] and
-    ``gripper.state_measured`` that distance and its rate; ``object.hold`` is 1 while the object is
-    to be carried along its motion and 0 from the command to let it go on; ``object.let_go`` is the
-    time at which its carrier does so [s], infinite before. Point clouds are in the world frame.
+    ``gripper.state_measured`` that distance and its rate (see `SuctionSeal` for a cup);
+    ``object.hold`` is 1 while the object is to be carried along its motion and 0 from the command
+    to let it go on; ``object.let_go`` is the time at which its carrier does so [s], infinite
+    before. Point clouds are in the world frame.
 
     A camera with an ``output_delay`` or a ``capture_offset`` takes images at its ``fps``, and what
     its ports show is of the instant of exposure: ``<camera>.stamp`` (V1) [s], NaN before the first
@@ -143,7 +146,7 @@ class Station(Diagram):
 
         joints = DrawnJointErrors(config.joint_errors, config.arm.effort_limits, config.noise_seed)
         position = self._export_arm(builder, joints)
-        self._export_gripper(builder)
+        self._export_gripper(builder, config.gripper, obj)
         object_pose = self._export_object(builder, motion, config)
         self._show_distractor_bodies(builder, config, self.scene_graph, "distractor_bodies")
         if config.cameras:
@@ -222,8 +225,13 @@ class Station(Diagram):
         builder.ExportOutput(sensors.GetOutputPort("torque_estimated"), "iiwa.torque_external")
         return position.get_output_port(0)
 
-    def _export_gripper(self, builder: DiagramBuilder) -> None:
+    def _export_gripper(self, builder: DiagramBuilder, hand: Gripper, obj: RigidObject) -> None:
         plant, gripper = self.plant, self._gripper
+        if isinstance(hand, SuctionCup):
+            seal = builder.AddNamedSystem("gripper_state", SuctionSeal(plant, hand, obj))
+            builder.ExportInput(seal.GetInputPort("opening"), "gripper.position")
+            builder.ExportOutput(seal.get_output_port(0), "gripper.state_measured")
+            return
         drive = builder.AddNamedSystem("finger_drive", FingerDrive(plant.time_step()))
         builder.Connect(drive.get_output_port(), plant.get_desired_state_input_port(gripper))
         builder.ExportInput(drive.get_input_port(), "gripper.position")
@@ -247,9 +255,18 @@ class Station(Diagram):
         servo = ObjectServo(plant, index, motion, config.carrier, pulls=config.pulls)
         builder.AddNamedSystem("object_servo", servo)
         builder.Connect(state, servo.GetInputPort("state"))
-        builder.Connect(
-            servo.GetOutputPort("spatial_force"), plant.get_applied_spatial_force_input_port()
-        )
+        force = servo.GetOutputPort("spatial_force")
+        if isinstance(config.gripper, SuctionCup):
+            seal = builder.GetSubsystemByName("gripper_state")
+            for name, port in (
+                ("object_state", state),
+                ("body_poses", plant.get_body_poses_output_port()),
+                ("body_velocities", plant.get_body_spatial_velocities_output_port()),
+                ("carried", force),
+            ):
+                builder.Connect(port, seal.GetInputPort(name))
+            force = seal.GetOutputPort("spatial_force")
+        builder.Connect(force, plant.get_applied_spatial_force_input_port())
         builder.ExportInput(servo.GetInputPort("hold"), "object.hold")
         builder.ExportOutput(servo.GetOutputPort("let_go"), "object.let_go")
         return body_state.GetOutputPort("pose")
@@ -351,7 +368,7 @@ class Station(Diagram):
                 (object_state, plant.GetPositionsAndVelocities(context, self.object_instance)),
                 (arm.position, np.zeros(config.arm.joints)),
                 (sensors.GetOutputPort("position_measured"), np.zeros(config.arm.joints)),
-                (fingers.get_output_port(), np.zeros(2)),
+                (fingers.get_output_port(0), np.zeros(2)),
             )
             pose = builder.AddNamedSystem(f"exposed_object{number}", _BodyState())
             builder.Connect(body, pose.get_input_port())

@@ -41,7 +41,7 @@ from feasigrasp.models.reach.interception import (
     find_interceptions,
 )
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 #: A grasp this close to the selected one is taken for it when grasps are sampled anew [m, rad].
@@ -204,7 +204,7 @@ def _knots(now: Situation, v: Array, program: ProgramOptions) -> Knots:
 
 
 @lru_cache(maxsize=8)
-def _open_hand(gripper: ParallelGripper) -> Array:
+def _open_hand(gripper: Gripper) -> Array:
     """Points on the outside of the open hand, in G, shape (k, 3) [m]."""
     return gripper.surface_points(gripper.max_opening)
 

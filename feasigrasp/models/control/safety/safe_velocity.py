@@ -55,7 +55,7 @@ from feasigrasp.models.quantities import (
 )
 from feasigrasp.models.robot.arm import Arm, Family
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model, hand_points
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: No rows, grid and object. Source: layout.
@@ -148,7 +148,7 @@ class SafetyFilter(Frozen):
     """
 
     options: SafetyOptions = field(default_factory=SafetyOptions)
-    gripper: ParallelGripper | None = None
+    gripper: Gripper | None = None
     _arrays: tuple[Any, ...] = field(init=False, repr=False)
     _senses: tuple[NDArray[np.intc], NDArray[np.intc]] = field(init=False, repr=False)
 
@@ -291,7 +291,7 @@ class SafetyFilter(Frozen):
         return matrix[: n + m if m >= 0 else 0], vector[:, : n + max(m, 0)], n_hard
 
 
-def _kept_off_an_object(gripper: ParallelGripper | None, arm: Arm) -> Array:
+def _kept_off_an_object(gripper: Gripper | None, arm: Arm) -> Array:
     """Points of the opened hand and balls that cover the arm: link, x, y, z, radius, shape (k, 5).
 
     The hand is more than its balls, which would fill the room between the fingers.

@@ -1,0 +1,134 @@
+"""Suction sampler: places of a completed surface that a cup closes on (Mahler et al. 2018)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.special import ndtr
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.arguments import check_fields, checked
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.geometry.se3 import perpendiculars
+from feasigrasp.models.grasps.filter import above_table
+from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection, grasp_frames
+from feasigrasp.models.grasps.hand_clearance import MARGIN, hand_clearance
+from feasigrasp.models.grasps.non_maximum_suppression import LEAST_SCORE, suppress_non_maxima
+from feasigrasp.models.grasps.seal import LIP, cup_points, strain
+from feasigrasp.models.grasps.success_probability import CLEARANCE, clearance_evidence, probability
+from feasigrasp.models.quantities import Count, Share
+from feasigrasp.models.robot.gripper import SuctionCup
+from feasigrasp.models.shape.gpdf import MARGIN_GROWTH, surface_deviation
+from feasigrasp.models.shape.gpdf_fit import Gpdf
+
+#: Cosine of the largest angle between approach and normals under the cup. Source: guessed: 20
+#: degrees.
+FLAT = np.cos(np.deg2rad(20.0))
+
+
+def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:
+    """Keeps the poses at which a cup closes on the surface and the hand collides with nothing.
+
+    Everywhere under the cup the surface is at the lip, and its normal within 20 degrees of the
+    approach; the springs of the lip are strained little (`strain`). The score is the probability
+    of that, with the surface as uncertain as it is there, times that of a free hand.
+
+    Args:
+        gpdf: Distance field in frame O.
+        X_OG: Poses of the cup, shape (n, 4, 4).
+        cup: The cup.
+
+    Returns:
+        The survivors, best first, with rejections counted; the ``id`` is the number of the pose.
+    """
+    # Error of the surface where it was seen, and how far off the lip it may be [m].
+    seen_error, off, most = 0.0005, 0.004, cup.max_strain
+    n = len(X_OG)
+    grasps = GraspSet(X_OG, np.full(n, 2.0 * cup.radius), np.ones(n), {}, np.arange(n))
+    if gpdf.table is not None:
+        plane = gpdf.table * [1.0, 1.0, 1.0, -1.0]
+        grasps = grasps.select(above_table(grasps.X_OG, plane, cup), Rejection.HITS_TABLE)
+    # Turns about the normal have their place in common.
+    place = np.hstack([grasps.X_OG[:, :3, 3], grasps.X_OG[:, :3, 2]]).round(7)
+    _, first, place_of = np.unique(place, axis=0, return_index=True, return_inverse=True)
+    points, pose, place_of = cup_points(cup), grasps.X_OG[first], place_of.reshape(-1)
+    at = pose[:, None, :3, 3] - cup.press * pose[:, None, :3, 2]
+    at = at + np.einsum("nij,kj->nki", pose[:, :3, :3], points)
+    gap, surface, normal = gpdf.refine(at.reshape(-1, 3), 3)
+    gap = gap.reshape(len(pose), len(points))
+    cosine = -np.einsum("nki,ni->nk", normal.reshape(*gap.shape, 3), pose[:, :3, 2])
+    near = np.abs(gap) <= off
+    there, flat = near[:, -1], (near & (cosine >= FLAT)).all(axis=1)
+    bent = strain(gap[:, :LIP], cup)
+    possible = gpdf.possible(surface).reshape(gap.shape).all(axis=1)
+    # What strain one metre of error brings, at the cone's springs.
+    per_metre = cup.height / (cup.radius**2 + cup.height**2)
+    error = surface_deviation(gpdf, surface).reshape(gap.shape)[:, :LIP].mean(axis=1)
+    score = ndtr((most - bent) / (per_metre * np.hypot(seen_error, error)))
+    kept, sealed = (np.asarray(m)[place_of] for m in (there & possible, flat & (bent <= most)))
+    grasps = replace(grasps, score=score[place_of])
+    grasps, sealed = grasps.select(kept, Rejection.OFF_SURFACE), sealed[kept]
+    grasps = grasps.select(sealed, Rejection.NOT_FLAT)
+    clearance, deviation = hand_clearance(gpdf, grasps.X_OG, cup, MARGIN)
+    free = clearance >= MARGIN + MARGIN_GROWTH * deviation
+    likely = probability(CLEARANCE, clearance_evidence(clearance, deviation))
+    grasps = replace(grasps, score=grasps.score * likely).select(free, Rejection.COLLIDES)
+    return grasps.select(np.argsort(-grasps.score, kind="stable"))
+
+
+def recheck_suction(gpdf: Gpdf, grasps: GraspSet, gripper: SuctionCup) -> GraspSet:
+    """The grasps that pass the filter on another field, with their ids and new scores."""
+    good = filter_suction(gpdf, grasps.X_OG, gripper)
+    return replace(good, id=grasps.id[good.id])
+
+
+@dataclass(frozen=True, eq=False)
+class SuctionSampler:
+    """Samples suction grasps from a distance field: ``sampler(gpdf) -> GraspSet``.
+
+    Points of the completed surface and observed ones are approached along their inward normals,
+    with ``n_turns`` turns about it, which are as many poses of the arm for one grasp.
+
+    Attributes:
+        gripper: The cup.
+        n_candidates: Grasps that are filtered.
+        n_grasps: Most grasps returned.
+        least_score: Grasps that score less are left out, while there are enough; see
+            `suppress_non_maxima`.
+        n_turns: Turns about the normal, evenly over half a circle: each has its flip.
+    """
+
+    gripper: SuctionCup = field(default_factory=SuctionCup)
+    n_candidates: Count = 1600
+    n_grasps: Count = 64
+    least_score: Share = LEAST_SCORE
+    n_turns: Count = 4
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        check_fields(self, GraspError)
+
+    @checked(GraspError)
+    def __call__(self, gpdf: Gpdf) -> GraspSet:
+        """Filtered grasps, best first, in the frame of the field (object frame O)."""
+        grasps = filter_suction(gpdf, self.candidates(gpdf)[0], self.gripper)
+        return suppress_non_maxima(grasps, self.n_grasps, least_score=self.least_score)
+
+    @checked(GraspError)
+    def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, None]:
+        """Unfiltered grasps: poses X_OG (n, 4, 4) and the diameter of the cup, (n,)."""
+        places = -(-self.n_candidates // self.n_turns)
+        observed, completed = gpdf.seen()[0], gpdf.completion.points
+        some = farthest_points(np.ascontiguousarray(observed), min(len(observed), places // 2))
+        points = np.concatenate([observed[some], completed])
+        some = farthest_points(np.ascontiguousarray(points), min(len(points), places))
+        _, points, normals = gpdf.refine(points[some], 3)
+        u, v = perpendiculars(normals)
+        angle = (np.arange(self.n_turns) * np.pi / self.n_turns)[:, None, None]
+        x = (np.cos(angle) * u + np.sin(angle) * v).reshape(-1, 3)
+        z = np.tile(-normals, (self.n_turns, 1))
+        middle = np.tile(points, (self.n_turns, 1)) + self.gripper.press * z
+        X_OG = grasp_frames(middle, x, z[:, None]).reshape(-1, 4, 4)
+        return X_OG, np.full(len(X_OG), 2.0 * self.gripper.radius), None
