@@ -143,9 +143,7 @@ def read_depth_folder(
             break
     check_unit(file, depth, info.unit)
     height, width = depth.shape
-    # Pixels in a row that suffice for tracking: the widest image of a RealSense at 30 Hz and half
-    # its resolution.
-    factor = -(-width // 430)
+    factor = decimation(width)
     masks, label, notes = _masks(root, files, label)
     colors, more = _colors(root, files, times)
     return DepthFolder(
@@ -161,6 +159,12 @@ def read_depth_folder(
         factor,
         notes + more,
     )
+
+
+def decimation(width: int) -> int:
+    """How many of the pixels of images of a width [px] are one, along each axis, for tracking."""
+    # Pixels in a row that suffice: half the widest image of a RealSense at 30 Hz.
+    return -(-width // 430)
 
 
 def _masks(

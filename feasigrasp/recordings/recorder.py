@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,15 @@ from feasigrasp.recordings.camera_file import CameraInfo
 #: Images that are left out at first, until the exposure has settled; as many as librealsense's own
 #: example ``rs-save-to-disk`` leaves out. Source: reasoned.
 _SETTLING = 30
+
+
+class DepthCamera(Protocol):
+    """What starts a camera, as `realsense` does; a class with these arguments is one, too."""
+
+    def __call__(
+        self, width: int, height: int, rate: int
+    ) -> AbstractContextManager[tuple[CameraInfo, Iterator[DepthFrame]]]:
+        """Starts it with images of that size [px] and rate [Hz]; it stops at the end."""
 
 
 @contextmanager
