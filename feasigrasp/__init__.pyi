@@ -9,6 +9,7 @@ from .models.grasps.samplers import make_sampler as make_sampler
 from .models.objects.motion import HarmonicMotion as HarmonicMotion
 from .models.objects.motion import ObjectMotion as ObjectMotion
 from .models.objects.rigid_object import load_object as load_object
+from .models.reach.feasible_poses import feasible_poses as feasible_poses
 from .models.reach.reachability import Reachability as Reachability
 from .models.robot.gripper import ParallelGripper as ParallelGripper
 from .models.shape.completion import complete_shape as complete_shape
@@ -23,5 +24,6 @@ from .scenario.schema import Scenario as Scenario
 from .systems.controller_inputs import ControllerInputs as ControllerInputs
 from .systems.dynamic_grasp import make_dynamic_grasp as make_dynamic_grasp
 from .systems.grasp_controller import GraspController as GraspController
+from .systems.reachability_filter import FeasiblePoses as FeasiblePoses
 
 __version__: str

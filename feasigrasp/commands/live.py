@@ -81,7 +81,7 @@ class _Session:
         seen = self._seen(frame)
         found = self._begun(seen)
         if not found:
-            self.page.show(self._note, seen.color)
+            self.page.show(self._note, picked(frame.color, self._factor))
         return found
 
     def _begun(self, seen: Seen) -> bool:
@@ -112,15 +112,15 @@ class _Session:
         self.poses.append(X_CO)
         self.page.draw(self._tracker.tracker.shape.gpdf)
         words = "tracked" if X_CO is not None else f"not found; {_CHOOSE} to begin anew"
-        self.page.show(self._note or words, seen.color, X_CO)
+        self.page.show(self._note or words, picked(frame.color, self._factor), X_CO)
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     if args.record is not None:
         check_new_recording(args.record)
-    start, broken = camera_named(args.camera), None
-    with start(*args.size, args.rate) as (info, given), postponed_interrupt() as asked:
+    start, (width, height), broken = camera_named(args.camera), args.size, None
+    with start(width, height, args.rate) as (info, given), postponed_interrupt() as asked:
         frames = iter(given)
         frame = next(frames)
         session = _Session(args, info, frame)

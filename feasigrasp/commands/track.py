@@ -125,8 +125,9 @@ def step(tracker: UnaidedTracker, seen: Seen) -> tuple[UnaidedTracker, Array | N
     shape, track = tracker.tracker.shape, tracker.tracker.track
     if shape.gpdf is not None and not known:
         check_size(shape.cloud.points, shape.gpdf)
-    measured = track.estimate is not None and track.measured_at == seen.time
-    return tracker, track.estimate.X_WO if measured else None
+    if track.estimate is None or track.measured_at != seen.time:
+        return tracker, None
+    return tracker, track.estimate.X_WO
 
 
 def followed(recording: DepthFolder, tracker: UnaidedTracker) -> tuple[UnaidedTracker, Array]:
