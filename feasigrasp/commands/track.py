@@ -164,7 +164,7 @@ def main(args: argparse.Namespace) -> int:
     if not tracked.any() or shape.gpdf is None:
         raise PointCloudError(
             f"no object was found in the {len(poses)} images of {args.folder}; give a --box about "
-            "it, --on-table if it stands on one, or masks"
+            "it, --on-table if it stands on one and is higher than 1 cm, or masks"
         )
     with replacing(poses_file) as file:
         np.savetxt(

@@ -11,12 +11,14 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from feasigrasp import cli
+from feasigrasp.commands.track import Seen, step
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.recordings import CameraInfo, DepthFrame, read_depth_folder
 from feasigrasp.recordings.recorder import _SETTLING
+from feasigrasp.recordings.unaided import UnaidedTracker
 from feasigrasp.runs.camera_view import CameraView
 from feasigrasp.runs.replay import quiet_meshcat
 from tests import fake_realsense
@@ -92,12 +94,9 @@ def live(name, *options):
 
 def error_of(poses, first=0):
     """Largest distance of the block's corners from where they are, after the first image [m]."""
-    X_OB = se3.inverse(poses[0]) @ true_pose(first)
-    worst = 0.0
-    for k, X in enumerate(poses):
-        E = se3.inverse(true_pose(first + k)) @ X @ X_OB
-        worst = max(worst, SURFACE.distance(MESH.vertices @ E[:3, :3].T + E[:3, 3]).mean())
-    return worst
+    X_first = poses[0] @ se3.inverse(true_pose(first)) @ true_pose(0)
+    corners = (_corners(X, X_first, first + k) for k, X in enumerate(poses))
+    return max(SURFACE.distance(each).mean() for each in corners)
 
 
 def tracked_again(folder, tmp_path, said):
@@ -157,6 +156,25 @@ def test_a_real_sequence_is_followed_as_from_its_folder(shared_data, monkeypatch
     assert cli.main(argv) == 0
     assert "a pose in 10 of them" in capsys.readouterr().out
     assert all(words == "tracked" for words, _ in shown)
+
+
+def test_what_comes_into_view_of_an_object_in_the_air_is_no_table():
+    """Faces of the block that leave what was seen of it first, as it moves and turns."""
+    found = UnaidedTracker(Camera((FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2), WIDTH, HEIGHT, 0.1, 7e-4))
+    poses = []
+    for frame in list(frames(12))[::2]:
+        depth = 1e-4 * frame.depth
+        mask = depth < 0.8 if frame.number == 0 else None
+        found, X_WO = step(found, Seen(depth, np.eye(4), frame.time, mask, frame.color))
+        assert found.plane is None and X_WO is not None
+        poses.append(X_WO)
+    assert SURFACE.distance(_corners(poses[-1], poses[0], 10)).mean() < 3e-3
+
+
+def _corners(X, X_first, k):
+    """Where the block's corners are in its own frame, by a pose in image k and the first one."""
+    E = se3.inverse(true_pose(k)) @ X @ se3.inverse(X_first) @ true_pose(0)
+    return MESH.vertices @ E[:3, :3].T + E[:3, 3]
 
 
 @pytest.mark.parametrize(
