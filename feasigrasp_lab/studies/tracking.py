@@ -236,10 +236,14 @@ def real_errors(folder: Path) -> tuple[Array, Array, Array]:
     every = 1 if truth is None else -(-len(recording.files) // len(truth))
     if truth is not None and len(truth) > len(recording.files):
         raise InputError(f"{found} has {len(truth)} poses, of {len(recording.files)} images")
-    files = recording.files[::every]
     first = dict(list(recording.masks.items())[:1])
-    fewer = {"times": recording.times[::every], "X_WC": recording.X_WC[::every], "masks": first}
-    recording = replace(recording, files=files, **fewer)
+    recording = replace(
+        recording,
+        files=recording.files[::every],
+        times=recording.times[::every],
+        X_WC=recording.X_WC[::every],
+        masks=first,
+    )
     _, poses = followed(recording, UnaidedTracker(recording.camera, on_table=not first))
     errors = np.full((len(poses), 2), np.nan)
     tracked = np.flatnonzero(np.isfinite(poses).all(axis=(1, 2)))

@@ -94,7 +94,7 @@ def live(name, *options):
 
 def error_of(poses, first=0):
     """Largest distance of the block's corners from where they are, after the first image [m]."""
-    X_first = poses[0] @ se3.inverse(true_pose(first)) @ true_pose(0)
+    X_first = true_pose(0) @ se3.inverse(true_pose(first)) @ poses[0]
     corners = (_corners(X, X_first, first + k) for k, X in enumerate(poses))
     return max(SURFACE.distance(each).mean() for each in corners)
 

@@ -293,7 +293,7 @@ def test_images_are_dropped_whole():
 
 
 def test_disparities_are_smeared_at_edges_as_the_mean_of_a_window_says():
-    """Across a step of n pixels of either surface, by hand; nothing elsewhere, nor without edges."""
+    """Across a step, by hand; nothing elsewhere."""
     depth = np.full((40, 60), 0.8)
     depth[:, 30:] = 0.4
     exact = DepthNoise(
