@@ -9,7 +9,6 @@ from .models.grasps.samplers import make_sampler as make_sampler
 from .models.objects.motion import HarmonicMotion as HarmonicMotion
 from .models.objects.motion import ObjectMotion as ObjectMotion
 from .models.objects.rigid_object import load_object as load_object
-from .models.reach.feasible_poses import feasible_poses as feasible_poses
 from .models.reach.reachability import Reachability as Reachability
 from .models.robot.gripper import ParallelGripper as ParallelGripper
 from .models.shape.completion import complete_shape as complete_shape

@@ -90,14 +90,14 @@ class _Session:
             return False
         # A click says nothing of what is beside the object.
         on_table = self._on_table or bool((box[2:] - box[:2]).max() < 4.0)
-        tracker, said = UnaidedTracker(self._camera, on_table, box), "no object is there"
+        tracker, reason = UnaidedTracker(self._camera, on_table, box), "no object is there"
         try:
             found = step(tracker, seen)[1] is not None
         except PointCloudError as error:
-            found, said = False, str(error)
+            found, reason = False, str(error)
         if not found and self._given is not None:
-            raise PointCloudError(f"--box: {said}")
-        self._given, self._note = None, "" if found else f"{said}; {_CHOOSE}"
+            raise PointCloudError(f"--box: {reason}")
+        self._given, self._note = None, "" if found else f"{reason}; {_CHOOSE}"
         if found:
             self._tracker = tracker
             numbers = " ".join(str(round(x * self._factor)) for x in box)

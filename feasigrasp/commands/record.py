@@ -6,8 +6,8 @@ For example::
     feasigrasp perceive --depth my_recording/depth/000000.png --on-table --grasps grasps.json
 
 Ctrl-C ends it, too. `feasigrasp track` and `feasigrasp perceive` read the folder. A RealSense needs
-pyrealsense2 (``pip install pyrealsense2``); another camera is a class of yours, as
-`feasigrasp.recordings.DepthCamera`.
+pyrealsense2 (``pip install pyrealsense2``); another camera is a class of yours,
+called as `feasigrasp.recordings.recorder.realsense` is.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_camera_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds which camera, and what of it."""
     parser.add_argument(
-        "--camera", default="realsense", help="realsense, or your own as package.module:Name."
+        "--camera", default="realsense", help="A realsense, or your own as package.module:Name."
     )
     parser.add_argument("--frames", type=positive, help="Number of images. Default: until Ctrl-C.")
     parser.add_argument(

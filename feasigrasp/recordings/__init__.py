@@ -3,11 +3,10 @@
 from feasigrasp.recordings.camera_file import CameraInfo, read_camera
 from feasigrasp.recordings.folder import DepthFolder, read_depth_folder
 from feasigrasp.recordings.images import captured_points, read_depth, read_mask
-from feasigrasp.recordings.recorder import DepthCamera, DepthFrame, realsense, recorded
+from feasigrasp.recordings.recorder import DepthFrame, recorded
 
 __all__ = [
     "CameraInfo",
-    "DepthCamera",
     "DepthFolder",
     "DepthFrame",
     "captured_points",
@@ -15,6 +14,5 @@ __all__ = [
     "read_depth",
     "read_depth_folder",
     "read_mask",
-    "realsense",
     "recorded",
 ]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +21,6 @@ from feasigrasp.recordings.camera_file import CameraInfo
 #: Images that are left out at first, until the exposure has settled; as many as librealsense's own
 #: example ``rs-save-to-disk`` leaves out. Source: reasoned.
 _SETTLING = 30
-
-
-class DepthCamera(Protocol):
-    """What starts a camera, as `realsense` does; a class with these arguments is one, too."""
-
-    def __call__(
-        self, width: int, height: int, rate: int
-    ) -> AbstractContextManager[tuple[CameraInfo, Iterator[DepthFrame]]]:
-        """Starts it with images of that size [px] and rate [Hz]; it stops at the end."""
 
 
 @contextmanager
@@ -146,6 +137,13 @@ class DepthFrame:
             InputError: The images have another kind, or not the same size.
         """
         check_fields(self, InputError)
+
+
+#: What starts a camera with images of a width and height [px] and a rate [Hz], as `realsense` does;
+#: a class that is made and entered so is one, too.
+DepthCamera = Callable[
+    [int, int, int], AbstractContextManager[tuple[CameraInfo, Iterator[DepthFrame]]]
+]
 
 
 def check_new_recording(folder: Path) -> None:

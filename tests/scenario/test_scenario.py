@@ -226,7 +226,7 @@ def test_by_default_there_is_nothing_but_a_camera_as_a_d405():
         assert (plain.tracker.kind, seen.tracker.kind) == ("mocap", "camera")
         assert seen.cameras["wrist_camera"].z_near == 0.07
         noise = make_camera_noise(seen)["wrist_camera"]
-        assert min(noise.correlation, noise.motion_blur, noise.smear, noise.dropped) > 0.0
+        assert min(noise.correlation, noise.motion_blur, noise.dropped) > 0.0
         error = make_hand_eye(seen)["wrist_camera"]
         assert min(error.hand_eye_position, error.hand_eye_angle_deg) > 0.0
         assert make_hand_eye(plain) == {}
