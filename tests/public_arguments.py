@@ -225,7 +225,7 @@ class Examples:
             "RMMTaskController.options": HorizonOptions(),
             "GPJointController.options": HorizonOptions(),
             "ReachabilityFilter.options": InterceptionOptions(),
-            "FeasiblePoses.options": InterceptionOptions(), "ProgramOptions.steps": (0.02,),
+            "FeasiblePoses.options": InterceptionOptions(), "FeasiblePoses.ahead": 0.5, "ProgramOptions.steps": (0.02,),
             "now": now,
             "motion": MotionEstimate(empty_state(), 0.0), "kept_before": np.array([1]),
             "reachability": reach,
