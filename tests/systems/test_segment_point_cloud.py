@@ -167,7 +167,8 @@ def test_with_the_depth_image_pixels_between_two_surfaces_are_dropped(fixed_cont
     points[2, :, 4:] = 0.45 + np.clip(0.012 * np.arange(1, 10), 0.0, 0.048)
     points[0], points[1] = 0.002 * np.arange(13), 0.002 * np.arange(10)[:, None]
     labels = np.where(body, LABEL, 3)
-    dut = SegmentPointCloud(LABEL, camera=Camera((230.0, 230.0, 6.0, 5.0), 13, 10, 0.1, 1e-3))
+    camera = Camera((230.0, 230.0, 6.0, 5.0), 13, 10, 0.1, 1e-3)
+    dut = SegmentPointCloud(LABEL, camera=camera, smears=True)
     before = kept_pixels(dut, fixed_context, points, labels)
     assert before.all()
     depth = ImageDepth32F(13, 10)

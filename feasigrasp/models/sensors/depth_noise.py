@@ -93,6 +93,7 @@ class DepthNoise:
         motion_blur: How many more pixels beside an edge are edge pixels [px]: the way of the image
             during an exposure. At 0.2 m/s, 0.3 m and 10 ms a camera with f = 220 px moves by 1.5.
         smear: Width of the window that disparities are averaged over at edges [px]; below 2 none.
+            Perception by depth then drops the pixels between two surfaces.
         dropped: Share of the images that do not arrive: no pixel of theirs has a depth.
         decimation: How many of the matcher's pixels, in which disparities are, are one of the
             image, along each axis. Intel advises to match at 848 x 480 ("Tuning depth cameras").

@@ -48,8 +48,8 @@ class SegmentPointCloud(LeafSystem):
 
     Pixels on the edge of a surface are dropped: there a real camera mixes the depths of two
     surfaces, and the label is a guess. Where the body touches another one, and the depth does not
-    jump, nothing is lost. With ``depth_image`` (optional), of the same pixels, those between two
-    surfaces are dropped as well, see `smeared_pixels`. A mask of a few pixels only is grown along
+    jump, nothing is lost. Of a camera that smears, those between two surfaces are dropped as well,
+    see `smeared_pixels`, by ``depth_image`` of the same pixels (optional). A mask of a few pixels only is grown along
     the surface that it is on.
 
     ``outline`` is an `Outline` in the camera's axes: where the body may go on although no point of
@@ -64,6 +64,7 @@ class SegmentPointCloud(LeafSystem):
         camera: Camera | None = None,
         hiding: Collection[int] = (),
         edge_jump: Positive | None = EDGE_JUMP,
+        smears: bool = False,
     ) -> None:
         """Keeps the pixels whose label is ``label`` (Drake's cameras label by body index).
 
@@ -73,9 +74,11 @@ class SegmentPointCloud(LeafSystem):
             hiding: Labels of what may be before the body.
             edge_jump: Points of neighbouring pixels that are farther apart than this [m] lie on
                 different surfaces; None keeps the pixels at edges too.
+            smears: Whether the camera's depth is between two surfaces over some pixels at edges.
         """
         super().__init__()
         self.label, self._edge_jump, self._camera = label, edge_jump, camera
+        self._smears = smears
         self._hiding = sorted(set(hiding) - {label})
         self._cloud_input = declare_input(self, "point_cloud", PointCloud())
         self._label_input = declare_input(self, "label_image", ImageLabel16I(1, 1))
@@ -119,7 +122,7 @@ class SegmentPointCloud(LeafSystem):
             keep = of_body & seen & ~edge_pixels(points, seen, of_body, self._edge_jump)
         if self._camera is None:
             return points[:, keep], None
-        if self._edge_jump is not None and self._depth.HasValue(context):
+        if self._smears and self._depth.HasValue(context):
             depth = self._depth.Eval(context).data[*around, 0]
             keep &= ~smeared_pixels(depth, self._camera)
         hiding = np.isin(labels[around], self._hiding)
