@@ -49,8 +49,8 @@ class SegmentPointCloud(LeafSystem):
     Pixels on the edge of a surface are dropped: there a real camera mixes the depths of two
     surfaces, and the label is a guess. Where the body touches another one, and the depth does not
     jump, nothing is lost. Of a camera that smears, those between two surfaces are dropped as well,
-    see `smeared_pixels`, by ``depth_image`` of the same pixels (optional). A mask of a few pixels only is grown along
-    the surface that it is on.
+    see `smeared_pixels`, by ``depth_image`` of the same pixels (optional). A mask of a few
+    pixels only is grown along the surface that it is on.
 
     ``outline`` is an `Outline` in the camera's axes: where the body may go on although no point of
     it is in the cloud. It is None if the camera is not known.
