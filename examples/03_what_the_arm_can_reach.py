@@ -5,7 +5,10 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
 
+import feasigrasp as fg
 from feasigrasp.models.reach import VERDICTS, Reachability
 
 picture = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples/03_what_the_arm_can_reach.png")
@@ -26,6 +29,20 @@ for code, reason in enumerate(REASONS):
 q = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 nearest, seconds = reachability.nearest(X_WG, q)
 print(f"from q: {np.median(seconds[np.isfinite(seconds)]):.2f} s (median) at full speed")
+
+# As a system: verdicts on the grasps of any sampler, of an object that moves.
+system = fg.FeasiblePoses(reachability)
+context = system.CreateDefaultContext()
+some = X_WG[::100]
+for port, value in {
+    "grasps": fg.GraspSet(some, np.full(len(some), 0.05), np.ones(len(some))),
+    "object_pose": RigidTransform(),
+    "object_velocity": SpatialVelocity([0.0, 0.0, 0.0], [0.0, 0.1, 0.0]),
+    "position": q,
+}.items():
+    system.GetInputPort(port).FixValue(context, value)
+found = system.get_output_port().Eval(context)
+print(f"{found.verdicts.count('reachable')} of {len(some)} can be met; one: {found.later[0]} later")
 
 figure, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True)
 image = {"origin": "lower", "extent": (-1.0, 1.0, 0.0, 1.3)}

@@ -23,5 +23,6 @@ from .scenario.schema import Scenario as Scenario
 from .systems.controller_inputs import ControllerInputs as ControllerInputs
 from .systems.dynamic_grasp import make_dynamic_grasp as make_dynamic_grasp
 from .systems.grasp_controller import GraspController as GraspController
+from .systems.reachability_filter import FeasiblePoses as FeasiblePoses
 
 __version__: str

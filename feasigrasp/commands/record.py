@@ -1,12 +1,13 @@
-"""``feasigrasp record``: record depth and color images of a RealSense.
+"""``feasigrasp record``: record depth and color images of a RealSense or another camera.
 
 For example::
 
     feasigrasp record --out my_recording --seconds 10
     feasigrasp perceive --depth my_recording/depth/000000.png --on-table --grasps grasps.json
 
-Ctrl-C ends it, too. `feasigrasp track` and `feasigrasp perceive` read the folder. It needs
-pyrealsense2 (``pip install pyrealsense2``).
+Ctrl-C ends it, too. `feasigrasp track` and `feasigrasp perceive` read the folder. A RealSense needs
+pyrealsense2 (``pip install pyrealsense2``); another camera is a class of yours,
+called as `feasigrasp.recordings.recorder.realsense` is.
 """
 
 from __future__ import annotations
@@ -18,14 +19,29 @@ from pathlib import Path
 from tqdm import tqdm
 
 from feasigrasp.errors import HardwareError
-from feasigrasp.recordings.recorder import DepthFrame, check_new_recording, realsense, recorded
+from feasigrasp.recordings.recorder import (
+    DepthCamera,
+    DepthFrame,
+    check_new_recording,
+    realsense,
+    recorded,
+)
 from feasigrasp.runs.results.arguments import factor, positive
 from feasigrasp.runs.results.interrupts import postponed_interrupt
+from feasigrasp.scenario.parts import load_named
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     parser.add_argument("--out", type=Path, required=True, help="Folder to write to.")
+    add_camera_arguments(parser)
+
+
+def add_camera_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds which camera, and what of it."""
+    parser.add_argument(
+        "--camera", default="realsense", help="A realsense, or your own as package.module:Name."
+    )
     parser.add_argument("--frames", type=positive, help="Number of images. Default: until Ctrl-C.")
     parser.add_argument(
         "--seconds", type=factor, default=inf, help="Duration, in seconds. Default: until Ctrl-C."
@@ -42,13 +58,19 @@ def _size(text: str) -> tuple[int, int]:
     return positive(width), positive(height)
 
 
+def camera_named(name: str) -> DepthCamera:
+    """The camera of ``--camera``."""
+    return realsense if name == "realsense" else load_named(f"--camera {name!r}", name)
+
+
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     check_new_recording(args.out)
     first: DepthFrame | None = None
     count, broken = 0, None
     width, height = args.size
-    with realsense(width, height, args.rate) as (camera, images), postponed_interrupt() as asked:
+    start = camera_named(args.camera)
+    with start(width, height, args.rate) as (camera, images), postponed_interrupt() as asked:
         written = recorded(args.out, camera, images)
         try:
             for frame in tqdm(written, total=args.frames, unit="image", desc="recording"):

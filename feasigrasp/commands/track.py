@@ -15,14 +15,16 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.arrays import Array
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.segmentation.tabletop import check_no_table
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.outputs import check_outputs, replacing
@@ -102,6 +104,32 @@ def check_size(points: Array, gpdf: Gpdf) -> None:
         )
 
 
+class Seen(NamedTuple):
+    """What `UnaidedTracker.looked` takes in."""
+
+    depth: Array
+    X_WC: Array
+    time: float
+    mask: Mask | None = None
+    color: NDArray[np.uint8] | None = None
+
+
+def step(tracker: UnaidedTracker, seen: Seen) -> tuple[UnaidedTracker, Array | None]:
+    """The tracker after an image, and X_WO if that gave a pose.
+
+    Raises:
+        PointCloudError: The first view of the object shows a table.
+    """
+    known = tracker.tracker.shape.gpdf is not None
+    tracker = tracker.looked(*seen)
+    shape, track = tracker.tracker.shape, tracker.tracker.track
+    if shape.gpdf is not None and not known:
+        check_size(shape.cloud.points, shape.gpdf)
+    if track.estimate is None or track.measured_at != seen.time:
+        return tracker, None
+    return tracker, track.estimate.X_WO
+
+
 def followed(recording: DepthFolder, tracker: UnaidedTracker) -> tuple[UnaidedTracker, Array]:
     """Plays a recording.
 
@@ -112,17 +140,13 @@ def followed(recording: DepthFolder, tracker: UnaidedTracker) -> tuple[UnaidedTr
     Raises:
         PointCloudError: The first view of the object shows a table.
     """
-    poses, checked = np.full((len(recording.files), 4, 4), np.nan), False
+    poses = np.full((len(recording.files), 4, 4), np.nan)
     for k in tqdm(range(len(recording.files)), unit="image", desc="tracking"):
-        time = float(recording.times[k])
         images = recording.mask(k), recording.color(k)
-        tracker = tracker.looked(recording.depth(k), recording.X_WC[k], time, *images)
-        shape, track = tracker.tracker.shape, tracker.tracker.track
-        if shape.gpdf is not None and not checked:
-            check_size(shape.cloud.points, shape.gpdf)
-            checked = True
-        if track.estimate is not None and track.measured_at == time:
-            poses[k] = track.estimate.X_WO
+        seen = Seen(recording.depth(k), recording.X_WC[k], float(recording.times[k]), *images)
+        tracker, X_WO = step(tracker, seen)
+        if X_WO is not None:
+            poses[k] = X_WO
     return tracker, poses
 
 
@@ -140,7 +164,7 @@ def main(args: argparse.Namespace) -> int:
     if not tracked.any() or shape.gpdf is None:
         raise PointCloudError(
             f"no object was found in the {len(poses)} images of {args.folder}; give a --box about "
-            "it, --on-table if it stands on one, or masks"
+            "it, --on-table if it stands on one and is higher than 1 cm, or masks"
         )
     with replacing(poses_file) as file:
         np.savetxt(

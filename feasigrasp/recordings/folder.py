@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,7 +97,8 @@ class DepthFolder(Frozen):
             InputError: It cannot be read, or has another size than the depth.
         """
         file = self.masks.get(self.files[k].stem)
-        return None if file is None else self._picked(read_mask(file, self._size, self.label))
+        mask = None if file is None else read_mask(file, self._size, self.label)
+        return None if mask is None else picked(mask, self.decimation)
 
     @checked(InputError)
     def color(self, k: Whole) -> NDArray[np.uint8] | None:
@@ -107,14 +108,11 @@ class DepthFolder(Frozen):
             InputError: It cannot be read, or has another size than the depth.
         """
         file = self.colors.get(self.files[k].stem)
-        return None if file is None else self._picked(read_color(file, self._size))
+        return None if file is None else read_color(file, self._size, self.decimation)
 
     @property
     def _size(self) -> tuple[int, int]:
         return self.size or (self.camera.height, self.camera.width)
-
-    def _picked(self, image: NDArray[Any]) -> NDArray[Any]:
-        return picked(image, self.decimation)
 
 
 @checked(InputError)
@@ -143,9 +141,7 @@ def read_depth_folder(
             break
     check_unit(file, depth, info.unit)
     height, width = depth.shape
-    # Pixels in a row that suffice for tracking: the widest image of a RealSense at 30 Hz and half
-    # its resolution.
-    factor = -(-width // 430)
+    factor = decimation(width)
     masks, label, notes = _masks(root, files, label)
     colors, more = _colors(root, files, times)
     return DepthFolder(
@@ -161,6 +157,12 @@ def read_depth_folder(
         factor,
         notes + more,
     )
+
+
+def decimation(width: int) -> int:
+    """How many of the pixels of images of a width [px] are one, along each axis, for tracking."""
+    # Pixels in a row that suffice: half the widest image of a RealSense at 30 Hz.
+    return -(-width // 430)
 
 
 def _masks(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -169,16 +170,31 @@ def mask_of(
 
 
 @checked(InputError)
-def read_color(file: str | Path, shape: tuple[Count, Count]) -> NDArray[np.uint8]:
-    """Reads a color image of the pixels of a depth image, shape (height, width, 3).
+def read_color(
+    file: str | Path, shape: tuple[Count, Count], factor: Count = 1
+) -> NDArray[np.uint8]:
+    """Reads a color image of the pixels of a depth image.
+
+    Args:
+        file: A picture; a JPEG is decoded at the size that is asked for, where it can be.
+        shape: Height and width of the depth image.
+        factor: As of `decimated`.
+
+    Returns:
+        Shape (height // factor, width // factor, 3).
 
     Raises:
         InputError: It is no picture, or has another size.
     """
+    small = shape[1] // factor, shape[0] // factor
+    with suppress(OSError, ValueError, SyntaxError), Image.open(file) as image:
+        whole = (image.mode, image.size) == ("RGB", shape[::-1])
+        if whole and image.draft("RGB", small) and image.size == small:
+            return np.asarray(image)
     pixels = _pixels(Path(file), colors=True)
     check_size(file, pixels.shape[:2], shape)
     colors = np.repeat(pixels[..., None], 3, axis=2) if pixels.ndim == 2 else pixels[..., :3]
-    return np.ascontiguousarray(colors, dtype=np.uint8)
+    return np.ascontiguousarray(picked(colors, factor), dtype=np.uint8)
 
 
 def decimated(depth: Array, factor: int) -> Array:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -137,6 +137,13 @@ class DepthFrame:
             InputError: The images have another kind, or not the same size.
         """
         check_fields(self, InputError)
+
+
+#: What starts a camera with images of a width and height [px] and a rate [Hz], as `realsense` does;
+#: a class that is made and entered so is one, too.
+DepthCamera = Callable[
+    [int, int, int], AbstractContextManager[tuple[CameraInfo, Iterator[DepthFrame]]]
+]
 
 
 def check_new_recording(folder: Path) -> None:

@@ -172,7 +172,9 @@ class UnaidedTracker(Frozen):
             body = self.tracker.shape.gpdf.points
             body = body @ expected.X_WO[:3, :3].T + expected.X_WO[:3, 3]
             points_O = (points - expected.X_WO[:3, 3]) @ expected.X_WO[:3, :3]
-            low, high = self.tracker.shape.gpdf.bounds
+            # What comes into view beside the field's surface is of the body, and no plane [m].
+            beside = 0.005 + expected.slack
+            low, high = self.tracker.shape.gpdf.bounds + np.array([[-beside], [beside]])
             with np.errstate(invalid="ignore"):  # NaN where nothing was measured
                 at &= ~((points_O >= low) & (points_O <= high)).all(axis=1).reshape(shape)
         elif mask is None and self.on_table and self.plane is None and seen.any():

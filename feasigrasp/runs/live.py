@@ -18,39 +18,57 @@ from feasigrasp.runs.overlay import live_page, picture_text, status_words
 from feasigrasp.systems.monitoring.camera_pictures import Picture
 
 
+def serve(answer: Callable[[str, bytes], bytes | None]) -> str:
+    """Serves a page to this computer alone, on a free port and from other threads.
+
+    Args:
+        answer: Content of a path, from what was posted to it; None if there is no such path.
+
+    Returns:
+        Address of the page.
+    """
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(handler) -> None:  # noqa: N805
+            content = answer(handler.path, handler.rfile.read(handler._length()))
+            handler.send_response(200 if content is not None else 404)
+            kind = "text/html; charset=utf-8" if handler.path == "/" else "application/json"
+            handler.send_header("Content-Type", kind)
+            handler.send_header("Cache-Control", "no-store")
+            handler.end_headers()
+            handler.wfile.write(content or b"")
+
+        do_POST = do_GET
+
+        def _length(handler) -> int:  # noqa: N805
+            given = handler.headers.get("Content-Length", "")
+            return min(int(given), 1024) if given.isdigit() else 0
+
+        def log_message(handler, format: str, *args: object) -> None:  # noqa: N805
+            """Prints nothing."""
+
+    server = ThreadingHTTPServer(("localhost", 0), Handler)
+    server.daemon_threads = True
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    return f"http://localhost:{server.server_port}/"
+
+
 class LiveServer:
-    """Serves the page and its ``state``, from a separate thread.
+    """Serves the page of a run and its ``state``.
 
     Attributes:
         url: Address of the page.
     """
 
     def __init__(self, meshcat_port: int) -> None:
-        """Starts to serve on a free port.
+        """Starts to serve.
 
         Args:
             meshcat_port: Port of the Meshcat that the page frames.
         """
         self.show(0.0, None, None)
         page = live_page(meshcat_port).encode()
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_GET(handler) -> None:  # noqa: N805
-                content = {"/": page, "/state": self._state}.get(handler.path)
-                handler.send_response(200 if content is not None else 404)
-                kind = "text/html; charset=utf-8" if handler.path == "/" else "application/json"
-                handler.send_header("Content-Type", kind)
-                handler.send_header("Cache-Control", "no-store")
-                handler.end_headers()
-                handler.wfile.write(content or b"")
-
-            def log_message(handler, format: str, *args: object) -> None:  # noqa: N805
-                """Prints nothing."""
-
-        server = ThreadingHTTPServer(("localhost", 0), Handler)
-        server.daemon_threads = True
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        self.url = f"http://localhost:{server.server_port}/"
+        self.url = serve(lambda path, _: {"/": page, "/state": self._state}.get(path))
 
     def show(self, time: float, status: Status | None, picture: Picture | None) -> None:
         """Sets what the page shows at its next look.

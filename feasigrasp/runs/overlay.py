@@ -37,6 +37,11 @@ def live_page(port: int) -> str:
     return _page("live.html", overlay=_page("overlay.html", ghost="", bar="", script=""), port=port)
 
 
+def camera_page(port: int) -> str:
+    """The page that shows a camera's images, to choose the object in, beside that Meshcat."""
+    return _page("camera.html", port=port)
+
+
 def status_words(status: Status) -> list[str]:
     """Code and detail of a status, as they are shown."""
     return [str(status.code).replace("_", " "), status.detail]

@@ -53,7 +53,7 @@ def check_parts(parts: Mapping[str, PartConfig]) -> None:
     """
     for key, part in parts.items():
         parse_choice(Part, key, "parts", ScenarioError)
-        _split(key, part)
+        _split(_where(key, part), part.name)
 
 
 def load_part(key: str, part: PartConfig) -> Callable[..., Any]:
@@ -67,7 +67,16 @@ def load_part(key: str, part: PartConfig) -> Callable[..., Any]:
         ScenarioError: There is no such module, or nothing of that name in it, or it cannot be
             called.
     """
-    where, module_name, name = _split(key, part)
+    return load_named(_where(key, part), part.name)
+
+
+def load_named(where: str, given: str) -> Callable[..., Any]:
+    """The class or function that ``package.module:Name`` names; ``where``, for messages.
+
+    Raises:
+        ScenarioError: See `load_part`.
+    """
+    module_name, name = _split(where, given)
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())  # behind all that is installed
     try:
@@ -83,13 +92,16 @@ def load_part(key: str, part: PartConfig) -> Callable[..., Any]:
     return typing.cast(Callable[..., Any], found)
 
 
-def _split(key: str, part: PartConfig) -> tuple[str, str, str]:
-    """Words for messages, module and name of a part."""
-    where = f"parts.{key}.name: {part.name!r}"
-    module_name, colon, name = part.name.partition(":")
+def _where(key: str, part: PartConfig) -> str:
+    return f"parts.{key}.name: {part.name!r}"
+
+
+def _split(where: str, given: str) -> tuple[str, str]:
+    """Module and name of ``package.module:Name``."""
+    module_name, colon, name = given.partition(":")
     if not (colon and module_name and name) or module_name.startswith("."):
         raise ScenarioError(f"{where} is not of the form package.module:Name")
-    return where, module_name, name
+    return module_name, name
 
 
 def make_named(key: str, part: PartConfig, given: Any) -> Any:

@@ -118,7 +118,9 @@ def make_foreground_segmentation(
 def make_object_pixels(scenario: Scenario, name: str = "") -> SegmentPointCloud:
     """The object's points, of those that `make_foreground_segmentation` has labelled."""
     hiding = {Label.ROBOT, Label.CARRIER}
-    return SegmentPointCloud(Label.OBJECT, camera=make_camera(scenario, name), hiding=hiding)
+    errors = make_camera_noise(scenario).get(name or scenario.perception.camera)
+    smears, camera = errors is not None and errors.smear > 0.0, make_camera(scenario, name)
+    return SegmentPointCloud(Label.OBJECT, camera=camera, hiding=hiding, smears=smears)
 
 
 def make_field_tracker(scenario: Scenario) -> FieldTracker:

@@ -18,8 +18,9 @@ from feasigrasp.models.grasps.hand_clearance import scene_clear, unobserved_clea
 from feasigrasp.models.grasps.payload import rated_by_payload
 from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.models.objects.prediction import Motion
-from feasigrasp.models.quantities import Positive
+from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.reach.feasible_grasps import JudgedGrasps, feasible_grasps
+from feasigrasp.models.reach.feasible_poses import Feasibility, feasible_poses
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import Arm
@@ -227,44 +228,108 @@ class ReachabilityFilter(LeafSystem):
         were kept is remembered every ``period`` seconds.
         """
         super().__init__()
-        parse_word(PredictionModel, prediction, "prediction", ReachabilityError)
         self._reachability, self._options = reachability, options or InterceptionOptions()
-        self._prediction, self._symmetric_grasps = prediction, symmetric_grasps
+        self._symmetric_grasps = symmetric_grasps
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
-        self._pose = declare_input(self, "object_pose", RigidTransform())
-        self._twist = declare_input(self, "object_velocity", SpatialVelocity.Zero())
-        self._motion = declare_input(self, "object_motion", kind=Motion | None)
-        n = reachability.arm.joints
-        self._position = self.DeclareVectorInputPort("position", n)
-        self._velocity = self.DeclareVectorInputPort("desired_velocity", n)
+        self._now = _SituationInputs(self, reachability, prediction)
         self._kept_before = PeriodicState(
             self,
             np.zeros(0, dtype=np.int64),
             period,
             lambda context: judged.Eval(context).grasps.id,
         )
-        inputs = (self._grasps, self._pose, self._twist, self._motion, self._kept_before)
-        arm = (self._position, self._velocity)
-        judged = declare_cache(
-            self, "judged", self._calc_judged, {source.ticket() for source in (*inputs, *arm)}
-        )
+        inputs = {self._grasps.ticket(), self._kept_before.ticket(), *self._now.tickets}
+        judged = declare_cache(self, "judged", self._calc_judged, inputs)
         of_judged = {judged.ticket()}
         declare_output(self, "grasps", lambda context: judged.Eval(context).grasps, of_judged)
         declare_output(self, "verdicts", lambda context: judged.Eval(context).verdicts, of_judged)
 
     def _calc_judged(self, context: Context) -> JudgedGrasps:
-        v = optional(self._velocity, context)
-        now = Situation(
+        now = self._now.situation(context)
+        return feasible_grasps(
+            *(self._grasps.Eval(context), now, self._reachability, self._options),
+            symmetric_grasps=self._symmetric_grasps,
+            kept_before=self._kept_before.Eval(context),
+        )
+
+
+class _SituationInputs:
+    """The input ports that say where arm and object are, and what they do."""
+
+    def __init__(self, system: LeafSystem, reachability: Reachability, prediction: str) -> None:
+        parse_word(PredictionModel, prediction, "prediction", ReachabilityError)
+        self._prediction = prediction
+        self._pose = declare_input(system, "object_pose", RigidTransform())
+        self._twist = declare_input(system, "object_velocity", SpatialVelocity.Zero())
+        self._motion = declare_input(system, "object_motion", kind=Motion | None)
+        n = reachability.arm.joints
+        self._position = system.DeclareVectorInputPort("position", n)
+        self._velocity = system.DeclareVectorInputPort("desired_velocity", n)
+        ports = self._pose, self._twist, self._motion, self._position, self._velocity
+        self.tickets = {port.ticket() for port in ports}
+
+    def situation(self, context: Context) -> Situation:
+        """What they hold."""
+        q, v = self._position.Eval(context), optional(self._velocity, context)
+        return Situation(
             context.get_time(),
-            self._position.Eval(context),
-            np.zeros(self._reachability.arm.joints) if v is None else v,
+            q,
+            np.zeros_like(q) if v is None else v,
             self._pose.Eval(context).GetAsMatrix4(),
             self._twist.Eval(context).get_coeffs(),
             optional(self._motion, context),
             self._prediction,
         )
-        return feasible_grasps(
-            *(self._grasps.Eval(context), now, self._reachability, self._options),
-            symmetric_grasps=self._symmetric_grasps,
-            kept_before=self._kept_before.Eval(context),
+
+
+class FeasiblePoses(LeafSystem):
+    """Verdicts on the grasps of any sampler, by `feasible_poses`.
+
+    .. pydrake_system::
+
+        name: FeasiblePoses
+        input_ports:
+        - grasps
+        - gpdf
+        - object_pose
+        - object_velocity
+        - object_motion
+        - position
+        - desired_velocity
+        output_ports:
+        - feasibility
+
+    Ports are those of `ReachabilityFilter`, and ``gpdf``, the object's `Gpdf`, or None, without
+    which only the arm counts (optional). ``feasibility`` is a `Feasibility`, grasp by grasp as they
+    came in; None while the object's pose is unknown.
+    """
+
+    @checked(ReachabilityError)
+    def __init__(
+        self,
+        reachability: Reachability,
+        *,
+        options: InterceptionOptions | None = None,
+        prediction: str = PredictionModel.PREDICTED,
+        ahead: NotNegative = 0.5,
+    ) -> None:
+        """A system for one arm and hand; ``ahead`` as of `feasible_poses` [s]."""
+        super().__init__()
+        self._reachability, self._options, self._ahead = reachability, options, ahead
+        self._grasps = declare_input(self, "grasps", GraspSet.empty())
+        self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
+        self._now = _SituationInputs(self, reachability, prediction)
+        inputs = {self._grasps.ticket(), self._gpdf.ticket(), *self._now.tickets}
+        declare_output(self, "feasibility", self._calc, {*inputs, self.time_ticket()})
+
+    def _calc(self, context: Context) -> Feasibility | None:
+        grasps, now = self._grasps.Eval(context), self._now.situation(context)
+        if not now.known:
+            return None
+        return feasible_poses(
+            *(grasps.X_OG, now, self._reachability),
+            gpdf=optional(self._gpdf, context),
+            width=grasps.width,
+            options=self._options,
+            ahead=self._ahead,
         )

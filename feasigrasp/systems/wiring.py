@@ -51,7 +51,11 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "tracking": "tracker.tracking",
         "gpdf": "field",
     },
-    "segmentation": {"point_cloud": "cloud", "label_image": "labels"},
+    "segmentation": {
+        "point_cloud": "cloud",
+        "label_image": "labels",
+        "depth_image": "camera.depth_image",
+    },
     "second_foreground": {
         "point_cloud": "second.point_cloud",
         "color_image": "second_color",
@@ -66,6 +70,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
     "second_segmentation": {
         "point_cloud": "second.point_cloud",
         "label_image": "second_foreground.label_image",
+        "depth_image": "second.depth_image",
     },
     "tracker": {
         "pose": "measured_pose",

@@ -3,13 +3,17 @@
 Records what the wrist camera sees in the simulator, once, and plays it to our tracker and to peers
 with the errors of two sensors. ``docs/results_schema.md`` defines each figure. A command
 that was interrupted goes on after its last object.
+
+With ``--real`` a folder of a real camera's images is tracked from its first mask instead. True
+poses ``X`` (m, 4, 4) of every image, or every second one and so on, may lie there, in the camera's
+or the world's frame, in a file ``*poses*.npz``; then no other images are looked at.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.util import find_spec
 from itertools import product
 from operator import itemgetter
@@ -18,6 +22,9 @@ from typing import Any
 
 import numpy as np
 
+from feasigrasp.commands.track import followed
+from feasigrasp.errors import InputError
+from feasigrasp.inputs import read_arrays
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.usable import ViewRecord
@@ -25,6 +32,8 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.tracking.keyframe import KEY_PERIOD, KEY_VIEWS
 from feasigrasp.models.tracking.view import ObjectView
+from feasigrasp.recordings.folder import read_depth_folder
+from feasigrasp.recordings.unaided import UnaidedTracker
 from feasigrasp.runs.results.arguments import positive
 from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
 from feasigrasp_lab.results.finished import Record, finish_all
@@ -203,8 +212,48 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seeds", type=positive, default=3, help="Number of recordings of every object."
     )
     parser.add_argument(
+        "--real", type=Path, help="Track this folder of a real camera, and nothing else."
+    )
+    parser.add_argument(
         "--kinds", type=names, default=list(KINDS), help="Kinds of recordings, separated by commas."
     )
+
+
+def real_errors(folder: Path) -> tuple[Array, Array, Array]:
+    """Errors of a real recording that is tracked from its first mask.
+
+    Returns:
+        Times, shape (n,) [s]; distance [mm] and angle [deg] between the tracked and the true motion
+        since the first pose, shape (n, 2), NaN where one of both is not known; and the poses, shape
+        (n, 4, 4).
+
+    Raises:
+        InputError: See `read_depth_folder`; or there are more true poses than images.
+    """
+    recording = read_depth_folder(folder)
+    found = next(iter(sorted(folder.glob("*poses*.npz"))), None)
+    truth = None if found is None else read_arrays(found)["X"]
+    every = 1 if truth is None else -(-len(recording.files) // len(truth))
+    if truth is not None and len(truth) > len(recording.files):
+        raise InputError(f"{found} has {len(truth)} poses, of {len(recording.files)} images")
+    first = dict(list(recording.masks.items())[:1])
+    recording = replace(
+        recording,
+        files=recording.files[::every],
+        times=recording.times[::every],
+        X_WC=recording.X_WC[::every],
+        masks=first,
+    )
+    _, poses = followed(recording, UnaidedTracker(recording.camera, on_table=not first))
+    errors = np.full((len(poses), 2), np.nan)
+    tracked = np.flatnonzero(np.isfinite(poses).all(axis=(1, 2)))
+    if truth is not None and len(tracked):
+        X_OB = se3.inverse(poses[tracked[0]]) @ truth[tracked[0]]
+        for k in tracked:
+            E = se3.inverse(truth[k]) @ poses[k] @ X_OB
+            angle = float(se3.rotation_angle(E[:3, :3]))
+            errors[k] = 1e3 * np.linalg.norm(E[:3, 3]), np.rad2deg(angle)
+    return recording.times, errors, poses
 
 
 def judge_object(
@@ -275,8 +324,24 @@ def _figures(frames: list[Frame], hidden: tuple[float, float]) -> Record:
     return result
 
 
+def report_real(folder: Path, out: Path) -> None:
+    """Prints the errors of a real recording, and writes them image by image."""
+    times, errors, poses = real_errors(folder)
+    tracked = np.isfinite(poses).all(axis=(1, 2))
+    print(f"{folder}: {len(times)} images, a pose in {100.0 * tracked.mean():.0f} % of them")
+    if np.isfinite(errors).any():
+        for column, what in enumerate(("distance [mm]", "angle [deg]")):
+            middle, most = np.nanpercentile(errors[:, column], [50.0, 95.0])
+            print(f"  {what:24s} median {middle:.2f}, 95 % {most:.2f}")
+    table = np.column_stack([times, errors]).tolist()
+    write_csv(out / "real.csv", table, ["time_s", "distance_mm", "angle_deg"], ".6g")
+
+
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
+    if args.real is not None:
+        report_real(args.real, args.out)
+        return 0
     objects: dict[str, str] = {}
     for part in names(args.objects):
         objects |= select_objects(part)

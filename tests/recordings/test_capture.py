@@ -12,7 +12,7 @@ from feasigrasp.errors import CameraError, FeasigraspError, InputError, PointClo
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.recordings import captured_points, read_camera, read_depth, read_depth_folder
 from feasigrasp.recordings.camera_file import find_camera
-from feasigrasp.recordings.images import decimated
+from feasigrasp.recordings.images import decimated, read_color
 
 WIDTH, HEIGHT, FX, FY, CX, CY = 120, 90, 100.0, 105.0, 58.0, 46.0
 CENTER, RADIUS, WALL = np.array([0.02, -0.01, 0.5]), 0.1, 0.8
@@ -226,3 +226,20 @@ def test_a_decimated_image_holds_medians_at_the_places_of_its_camera():
     # The middle pixel of a square lies in the same direction.
     coarse = camera.decimated(3)
     np.testing.assert_allclose(coarse.rays([0, 1], [1, 0]), camera.rays([1, 4], [4, 1]))
+
+
+@pytest.mark.parametrize(("end", "factor"), [("jpg", 1), ("jpg", 2), ("png", 2), ("jpg", 3)])
+def test_colors_are_those_of_the_decimated_pixels(end, factor, tmp_path):
+    """Of a smooth picture, at the middle of each square of pixels."""
+    row, column = np.meshgrid(np.arange(48.0), np.arange(64.0), indexing="ij")
+    color = np.stack([2 * row + 40, 3 * column + 20, 120 + row - column], axis=2)
+    file = tmp_path / f"c.{end}"
+    Image.fromarray(color.astype(np.uint8)).save(file, quality=95)
+    found = read_color(file, (48, 64), factor)
+    assert found.shape == (48 // factor, 64 // factor, 3) and found.dtype == np.uint8
+    at = [(np.arange(n // factor) + 0.5) * factor - 0.5 for n in (48, 64)]
+    middle = np.meshgrid(*at, indexing="ij")
+    expected = np.stack([2 * middle[0] + 40, 3 * middle[1] + 20, 120 + middle[0] - middle[1]], 2)
+    assert np.abs(found - expected).mean() < 4.0
+    with pytest.raises(InputError, match="pixels, but the depth image"):
+        read_color(file, (96, 128), 2)

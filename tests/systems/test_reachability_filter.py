@@ -15,7 +15,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.systems.reachability_filter import ReachabilityFilter
+from feasigrasp.systems.reachability_filter import FeasiblePoses, ReachabilityFilter
 
 REACH = Reachability()
 #: In front of the arm.
@@ -196,3 +196,27 @@ def test_a_pose_under_the_table_is_out_of_reach(evaluate):
     grasps, verdicts = evaluate(ring(), pose=RigidTransform([0.5, 0.0, -0.3]))
     assert len(grasps) == 0
     assert "table" in verdicts
+
+
+def test_the_system_of_verdicts_says_what_the_filter_says_of_every_grasp(
+    evaluate, fixed_context, ports, documented_ports
+):
+    """Of 1,000 poses round the object, moving and at rest."""
+    dut = FeasiblePoses(REACH)
+    assert tuple(map(list, ports(dut))) == documented_ports(FeasiblePoses)
+    rng = np.random.default_rng(0)
+    R = se3.so3_exp(rng.normal(0.0, 1.2, (1000, 3)))
+    poses = se3.make_pose(R, rng.uniform(-0.3, 0.3, (1000, 3)))
+    grasps = GraspSet(poses, np.full(1000, 0.04), np.ones(1000))
+    moving = SpatialVelocity([0.0, 0.0, 0.3], [0.1, -0.1, 0.0])
+    for velocity in (STILL, moving):
+        _, theirs = evaluate(grasps, velocity=velocity, symmetric_grasps=False)
+        given = {"object_pose": NEAR, "object_velocity": velocity, "position": HOME}
+        context = fixed_context(dut, grasps=grasps, **given)
+        found = dut.GetOutputPort("feasibility").Eval(context)
+        in_reach = ("kept", "better grasps in reach")
+        expected = ["reachable" if verdict in in_reach else verdict for verdict in theirs]
+        assert list(found.verdicts) == expected and len(Counter(expected)) > 3
+    unknown = RigidTransform(np.full((4, 4), np.nan))
+    context = fixed_context(dut, grasps=grasps, **(given | {"object_pose": unknown}))
+    assert not dut.GetOutputPort("feasibility").Eval(context)

@@ -157,3 +157,24 @@ def test_the_outline_is_of_what_has_no_depth_and_of_what_is_before_the_body(fixe
     assert found.whole
     plain = SegmentPointCloud(LABEL)
     assert evaluate(plain.GetOutputPort("outline"), fixed_context(plain, **inputs)) is None
+
+
+def test_with_the_depth_image_pixels_between_two_surfaces_are_dropped(fixed_context):
+    """A ramp of three pixels from the square down to the table, flat enough to have no jump."""
+    points, body = square_on_a_table()
+    body[:] = True
+    points[2] = 0.45
+    points[2, :, 4:] = 0.45 + np.clip(0.012 * np.arange(1, 10), 0.0, 0.048)
+    points[0], points[1] = 0.002 * np.arange(13), 0.002 * np.arange(10)[:, None]
+    labels = np.where(body, LABEL, 3)
+    camera = Camera((230.0, 230.0, 6.0, 5.0), 13, 10, 0.1, 1e-3)
+    dut = SegmentPointCloud(LABEL, camera=camera, smears=True)
+    before = kept_pixels(dut, fixed_context, points, labels)
+    assert before.all()
+    depth = ImageDepth32F(13, 10)
+    depth.mutable_data[:, :, 0] = points[2]
+    given = {"point_cloud": cloud_of(points.reshape(3, -1)), "label_image": label_image(labels)}
+    context = fixed_context(dut, **given, depth_image=depth)
+    xyz = dut.GetOutputPort("point_cloud").Eval(context).xyzs()
+    columns = np.unique(np.rint(xyz[0] / 0.002).astype(int))
+    np.testing.assert_array_equal(columns, [0, 1, 2, 3, 7, 8, 9, 10, 11, 12])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -81,11 +82,18 @@ def read_cloud(filename: str | Path) -> Array:
 
 
 def viewpoint_of(path: Path) -> list[float] | None:
-    """Where the camera was by the header of a ``.pcd``, in the file's unit; None if it says not."""
-    head = path.read_bytes().partition(b"\nDATA ")[0] if path.suffix.lower() == ".pcd" else b""
-    line = next((line for line in head.split(b"\n") if line.startswith(b"VIEWPOINT ")), b"")
+    """Where the camera was, in the file's unit; None if the file does not say it.
+
+    By the header of a ``.pcd``, or a line ``comment viewpoint x y z`` (or ``obj_info``) of a
+    ``.ply``.
+    """
+    starts = {".pcd": rb"VIEWPOINT", ".ply": rb"(?:comment|obj_info)\s+viewpoint"}
+    if (start := starts.get(path.suffix.lower())) is None:
+        return None
+    head = re.split(rb"\n(?:DATA |end_header)", path.read_bytes(), maxsplit=1)[0]
+    found = re.search(rb"^" + start + rb"[:=\s]+(\S+)\s+(\S+)\s+(\S+)", head, re.I | re.M)
     try:
-        p = [float(word) for word in line.split()[1:4]]
+        p = [float(word) for word in found.groups()] if found else []
     except ValueError:
         return None
     return p if any(p) else None

@@ -289,10 +289,25 @@ def _is_admissible(q, search):
 
 
 @compiled
-def _follow_kernel(ahead, k, X_OG, q, branch, psi, v):
-    """Follows a grasp from instant k on; writes the first velocity into v (7,).
+def _late_kernel(ahead, k, there, v_there):
+    """How late the arm is at instant k in a configuration (7,) with velocities (7,) [s]."""
+    o, chain = ahead.options[0], ahead.search.chain
+    late = 0.0
+    for j in range(len(there)):
+        least = least_time_kernel(
+            *(there[j] - ahead.q[j], ahead.v[j], v_there[j]),
+            *(o.velocity * chain[j, VELOCITY], o.acceleration * chain[j, ACCELERATION]),
+        )
+        late = max(late, least - (ahead.start + o.step * k))
+    return late
 
-    Returns the number of steps, and the largest share of the acceleration limits.
+
+@compiled
+def _follow_kernel(ahead, k, X_OG, q, branch, psi, v):
+    """Follows a grasp from instant k on for ``enough``; writes the first velocity into v (7,).
+
+    Returns the number of steps, none if the arm is late or collides at once, and the largest share
+    of the acceleration limits.
     """
     o, X_WF, before, after = ahead.options[0], np.empty((4, 4)), q.copy(), q.copy()
     chain, v_before, hardest, end = (
@@ -301,7 +316,8 @@ def _follow_kernel(ahead, k, X_OG, q, branch, psi, v):
         0.0,
         k + int(o.enough / o.step),
     )
-    for m in range(k + 1, len(ahead.X_WO)):
+    last = min(len(ahead.X_WO), k + 2 + int(np.ceil(o.enough / o.step)))
+    for m in range(k + 1, last):
         flange_pose_kernel(ahead.X_WO[m], X_OG, 0.0, ahead.X_GF, X_WF)
         if not solve_kernel(chain, X_WF, branch, psi, after):
             return m - k - 1, hardest
@@ -314,12 +330,15 @@ def _follow_kernel(ahead, k, X_OG, q, branch, psi, v):
             if k + 1 < m <= end:
                 hardest = max(hardest, share)
             v_before[j] = speed
-        if not _is_admissible(after, ahead.search):
-            return m - k - 1, hardest
         if m == k + 1:
             v[:] = v_before
+            late = k < int(o.latest) and _late_kernel(ahead, k, q, v) > _IN_TIME
+            if late or not _is_admissible(q, ahead.search):
+                return 0, hardest
+        if not _is_admissible(after, ahead.search):
+            return m - k - 1, hardest
         before[:] = after
-    return len(ahead.X_WO) - 1 - k, hardest
+    return last - 1 - k, hardest
 
 
 @compiled
@@ -331,20 +350,10 @@ def _cost_kernel(ahead, k, X_OG, there, branch, psi, v_there):
     """
     o, chain = ahead.options[0], ahead.search.chain
     due = ahead.start + o.step * k
-    late = 0.0
-    if not _is_admissible(there, ahead.search):
-        return np.inf, np.inf
     steps, hardest = _follow_kernel(ahead, k, X_OG, there, branch, psi, v_there)
     if steps == 0:
         return np.inf, np.inf
-    for j in range(len(there)):
-        least = least_time_kernel(
-            *(there[j] - ahead.q[j], ahead.v[j], v_there[j]),
-            *(o.velocity * chain[j, VELOCITY], o.acceleration * chain[j, ACCELERATION]),
-        )
-        late = max(late, least - due)
-    if late > _IN_TIME and k < int(o.latest):
-        return np.inf, np.inf
+    late = _late_kernel(ahead, k, there, v_there)
     X_WF, behind = np.empty((4, 4)), there.copy()
     flange_pose_kernel(ahead.X_WO[k], X_OG, o.way_in, ahead.X_GF, X_WF)
     if not solve_kernel(chain, X_WF, branch, psi, behind):
@@ -381,6 +390,8 @@ def _interceptions_kernel(ahead, X_OG, present_branch, present_psi, found):
                 if not circle.reached:
                     continue
             for _ in range(1 if bound else int(o.tries)):
+                if cost[i] <= due:  # none costs less
+                    break
                 if bound:
                     branch, psi = present_branch, present_psi
                 else:

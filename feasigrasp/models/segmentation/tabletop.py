@@ -164,7 +164,8 @@ def tabletop(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> tuple
     if found is None:
         raise PointCloudError(
             "nothing of a graspable size stands on a large plane of the cloud; is the object in "
-            "it? For a cloud of the object alone leave --on-table out"
+            f"it, and higher than {1e3 * _STANDS:.0f} mm? For a cloud of the object alone leave "
+            "--on-table out"
         )
     body, plane = found
     of_object = np.zeros(len(thin), dtype=bool)
@@ -266,9 +267,9 @@ def support_plane(
     # A plane is one that was guessed at this cosine between both normals; how far the body may be
     # off it then [m].
     alike, uncertain = 0.97, 0.03
-    some = around[:: -(-len(around) // compared)]
-    if len(some) < _LEAST:
+    if len(around) < _LEAST:
         return None
+    some = around[:: -(-len(around) // compared)]
     a, b, c = some[np.random.default_rng(0).integers(len(some), size=(3, draws))]
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]

@@ -14,7 +14,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.perception import BaseField, Fields, PointCloud
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.geometry.se3 import perpendiculars
+from feasigrasp.models.geometry.se3 import make_pose, perpendiculars
 from feasigrasp.models.grasps.glyphs import (
     disc,
     frames_along,
@@ -27,7 +27,14 @@ from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.shape.gpdf import SurfacePoints
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.outputs import save_figure
-from feasigrasp.runs.pictures.splats import Viewer, draw_lines, draw_points, frame, scale_bar
+from feasigrasp.runs.pictures.splats import (
+    Viewer,
+    draw_axes,
+    draw_lines,
+    draw_points,
+    frame,
+    scale_bar,
+)
 from feasigrasp.runs.replay import quiet_meshcat, write_html
 from feasigrasp.systems.monitoring.grasp_visualizer import distance_from_seen
 from feasigrasp.systems.station.meshcat_scene import set_background
@@ -132,8 +139,12 @@ def upward(perception: Perception) -> Array:
     """Up direction: away from the table; -y in a camera's own frame (origin in the camera); z."""
     if perception.gpdf.table is not None:
         return perception.gpdf.table[:3]
-    in_camera = perception.viewpoint is not None and not perception.viewpoint.any()
-    return np.array([0.0, -1.0, 0.0] if in_camera else [0.0, 0.0, 1.0])
+    return np.array([0.0, -1.0, 0.0] if in_camera(perception) else [0.0, 0.0, 1.0])
+
+
+def in_camera(perception: Perception) -> bool:
+    """Whether everything is in the camera's own frame."""
+    return perception.viewpoint is not None and not perception.viewpoint.any()
 
 
 def towards_viewer(perception: Perception) -> Array:
@@ -189,7 +200,10 @@ def outlines_at(X_OG: Array, outline: Array) -> Array:
 
 
 def draw_perception(perception: Perception, filename: Path, title: str = "") -> None:
-    """Draws the cloud, the completed surface from both sides, and the grasps, as a PNG."""
+    """Draws the cloud, the completed surface from both sides, and the grasps, as a PNG.
+
+    With the cloud come the axes of its frame, with the grasps those of the best one.
+    """
     # Diameter of the dots of a surface [points], wide enough to close it.
     dot = 5.5
     figure = Figure(figsize=(14.0, 4.6))
@@ -205,7 +219,11 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
 
     count = len(perception.cloud.points)
     draw_points(axes[0], front, perception.cloud.points, (0.25, 0.3, 0.38), size=1.8)
-    axes[0].set_title(f"measured: {count} points")
+    size = 0.25 * float(np.ptp(everything, axis=0).max())
+    X = make_pose(np.eye(3), everything.mean(axis=0))
+    draw_axes(axes[0], front, X, size)
+    whose = "camera" if in_camera(perception) else "cloud"
+    axes[0].set_title(f"measured: {count} points; axes of the {whose}", fontsize=10)
     for ax, viewer, side in ((axes[1], front, "camera's side"), (axes[2], behind, "from behind")):
         draw_points(ax, viewer, surface.points, colors, size=dot, normals=surface.normals)
         ax.set_title(f"completed, {side}")
@@ -222,7 +240,10 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
     X_OG, hand = shown_grasps(perception), gripper_outline(perception.gripper)
     lines = outlines_at(X_OG, hand)
     draw_lines(axes[3], front, lines, GRASP_COLOR, alpha=0.8)
-    axes[3].set_title(f"{len(perception.grasps)} grasps, {len(X_OG)} shown")
+    for X in X_OG[:1]:
+        draw_axes(axes[3], front, X, size)
+    shown = f"{len(perception.grasps)} grasps, {len(X_OG)} shown; x closes, z approaches"
+    axes[3].set_title(shown, fontsize=10)
     frame(axes[3], front, np.concatenate([everything, lines.reshape(-1, 3)]))
     scale_bar(axes[3])
 

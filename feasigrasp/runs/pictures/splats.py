@@ -110,6 +110,16 @@ def draw_lines(
     )
 
 
+def draw_axes(ax: Axes, viewer: Viewer, X: ArrayLike, length: float) -> None:
+    """Draws the axes of a pose (4, 4), so long [m]: x red, y green, z blue, with their letters."""
+    pose = np.asarray(X, dtype=float)
+    for k, color in enumerate(("#d02020", "#208020", "#2050d0")):
+        ends = pose[:3, 3] + np.outer([0.0, length, 1.25 * length], pose[:3, k])
+        draw_lines(ax, viewer, ends[None, :2], color, width=2.0, order=5)
+        x, y, _ = viewer.project(ends[2])
+        ax.text(x, y, "xyz"[k], color=color, ha="center", va="center")
+
+
 def frame(ax: Axes, viewer: Viewer, points: ArrayLike, margin: float = 0.08) -> None:
     """Fits the picture to points (n, 3), with equal scales and without axes."""
     seen = viewer.project(points)[:, :2]

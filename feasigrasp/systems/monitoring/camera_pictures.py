@@ -69,15 +69,15 @@ class CameraPictures(LeafSystem):
         return EventStatus.Succeeded()
 
 
-def jpeg(color: NDArray[np.uint8], mask: Mask) -> bytes:
+def jpeg(color: NDArray[np.uint8], mask: Mask, width: int = 240) -> bytes:
     """A small picture with tinted pixels, as the bytes of a JPEG.
 
     Args:
         color: Shape (h, w, 3).
         mask: What to tint, shape (h, w).
+        width: Of the picture, at most [px].
     """
-    # Width of a picture [pixels], and its quality as a JPEG.
-    width, quality = 240, 60
+    quality = 60
     tinted = color.astype(float)
     tinted[mask] += TINT_SHARE * (TINT - tinted[mask])
     image = Image.fromarray(tinted.astype(np.uint8))

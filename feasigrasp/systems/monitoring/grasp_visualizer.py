@@ -102,7 +102,7 @@ class GraspVisualizer(LeafSystem):
         """
         super().__init__()
         self._meshcat = meshcat
-        self._glyph, self._disc = gripper_glyph(gripper), disc(DISC_RADIUS)
+        self._glyph = gripper_glyph(gripper)
         self._cloud = _Flipbook(meshcat, f"{PATH}/completion")
         self._good = _Flipbook(meshcat, f"{PATH}/grasps/reachable")
         self._bad = _Flipbook(meshcat, f"{PATH}/grasps/dropped")
@@ -161,12 +161,7 @@ class GraspVisualizer(LeafSystem):
         if perceived.gpdf is self._drawn_gpdf or perceived.gpdf is None:
             return
         self._drawn_gpdf = perceived.gpdf
-        surface = perceived.gpdf.completion
-        # A little outside, where the object's own skin does not hide them.
-        frames = frames_along(surface.points + DISC_LIFT * surface.normals, surface.normals)
-        vertices, faces = place_copies(frames, *self._disc)
-        colors = np.repeat(surface_colors(perceived.gpdf), len(self._disc[0]), axis=0)
-        self._meshcat.SetTriangleColorMesh(self._cloud.turn(time), vertices.T, faces.T, colors.T)
+        draw_surface(self._meshcat, self._cloud.turn(time), perceived.gpdf)
 
     def _order(self, grasps: GraspSet) -> Indices:
         """An order that stays the same as long as the set does, so that glyphs do not flicker."""
@@ -185,6 +180,16 @@ class GraspVisualizer(LeafSystem):
                 continue
             vertices, faces = place_copies(X_OG, *self._glyph)
             self._meshcat.SetTriangleMesh(book.turn(time), vertices.T, faces.T, color)
+
+
+def draw_surface(meshcat: Meshcat, path: str, gpdf: Gpdf) -> None:
+    """Draws the completed surface of a field as discs."""
+    surface, one = gpdf.completion, disc(DISC_RADIUS)
+    # A little outside, where the object's own skin does not hide them.
+    frames = frames_along(surface.points + DISC_LIFT * surface.normals, surface.normals)
+    vertices, faces = place_copies(frames, *one)
+    colors = np.repeat(surface_colors(gpdf), len(one[0]), axis=0)
+    meshcat.SetTriangleColorMesh(path, vertices.T, faces.T, colors.T)
 
 
 def reachable_mask(grasps: GraspSet, reachable: GraspSet) -> Mask:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import RenderLabel
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
-from pydrake.systems.sensors import ImageLabel16I
+from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I
 
 from feasigrasp.errors import CameraError
 from feasigrasp.models.arguments import checked
@@ -22,6 +22,7 @@ from feasigrasp.models.clouds.edges import (
     edge_pixels,
     grown_mask,
     outline,
+    smeared_pixels,
 )
 from feasigrasp.models.quantities import Positive, Whole
 from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
@@ -36,6 +37,7 @@ class SegmentPointCloud(LeafSystem):
         input_ports:
         - point_cloud
         - label_image
+        - depth_image
         output_ports:
         - point_cloud
         - outline
@@ -46,7 +48,9 @@ class SegmentPointCloud(LeafSystem):
 
     Pixels on the edge of a surface are dropped: there a real camera mixes the depths of two
     surfaces, and the label is a guess. Where the body touches another one, and the depth does not
-    jump, nothing is lost. A mask of a few pixels only is grown along the surface that it is on.
+    jump, nothing is lost. Of a camera that smears, those between two surfaces are dropped as well,
+    see `smeared_pixels`, by ``depth_image`` of the same pixels (optional). A mask of a few
+    pixels only is grown along the surface that it is on.
 
     ``outline`` is an `Outline` in the camera's axes: where the body may go on although no point of
     it is in the cloud. It is None if the camera is not known.
@@ -60,6 +64,7 @@ class SegmentPointCloud(LeafSystem):
         camera: Camera | None = None,
         hiding: Collection[int] = (),
         edge_jump: Positive | None = EDGE_JUMP,
+        smears: bool = False,
     ) -> None:
         """Keeps the pixels whose label is ``label`` (Drake's cameras label by body index).
 
@@ -69,13 +74,17 @@ class SegmentPointCloud(LeafSystem):
             hiding: Labels of what may be before the body.
             edge_jump: Points of neighbouring pixels that are farther apart than this [m] lie on
                 different surfaces; None keeps the pixels at edges too.
+            smears: Whether the camera's depth is between two surfaces over some pixels at edges.
         """
         super().__init__()
         self.label, self._edge_jump, self._camera = label, edge_jump, camera
+        self._smears = smears
         self._hiding = sorted(set(hiding) - {label})
         self._cloud_input = declare_input(self, "point_cloud", PointCloud())
         self._label_input = declare_input(self, "label_image", ImageLabel16I(1, 1))
-        inputs = {self._cloud_input.ticket(), self._label_input.ticket()}
+        self._depth = declare_input(self, "depth_image", ImageDepth32F(1, 1))
+        ports = self._cloud_input, self._label_input, self._depth
+        inputs = {port.ticket() for port in ports}
         self._segmented = declare_cache(self, "segmented", self._calc, inputs)
         segmented = {self._segmented.ticket()}
         declare_output(self, "point_cloud", self._calc_cloud, segmented, model=PointCloud())
@@ -113,6 +122,9 @@ class SegmentPointCloud(LeafSystem):
             keep = of_body & seen & ~edge_pixels(points, seen, of_body, self._edge_jump)
         if self._camera is None:
             return points[:, keep], None
+        if self._smears and self._depth.HasValue(context):
+            depth = self._depth.Eval(context).data[*around, 0]
+            keep &= ~smeared_pixels(depth, self._camera)
         hiding = np.isin(labels[around], self._hiding)
         corner = around[0].start or 0, around[1].start or 0
         return points[:, keep], outline(keep, of_body, hiding, corner, self._camera)

@@ -44,7 +44,7 @@ class RemoteCell(Protocol):
 
 #: Inputs that each camera has its own of.
 _OF_A_CAMERA = (
-    *("point_cloud", "color_image", "image_time"),
+    *("point_cloud", "depth_image", "color_image", "image_time"),
     *("camera_pose", "position", "gripper_state"),
 )
 #: After this time a tracked pose is there, where the cell is simulated [s]. Source: guessed.

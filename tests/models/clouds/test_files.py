@@ -108,4 +108,19 @@ def test_the_viewpoint_of_a_pcd_is_where_the_camera_was(tmp_path):
         text = f"{head}VIEWPOINT {place} 1 0 0 0\nPOINTS 1\nDATA ascii\n1 2 3\n"
         (tmp_path / "a.pcd").write_text(text)
         assert viewpoint_of(tmp_path / "a.pcd") == expected
-    assert viewpoint_of(tmp_path / "a.ply") is None
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("comment VIEWPOINT 0.5 -0.25 1.5 1 0 0 0", [0.5, -0.25, 1.5]),
+        ("obj_info viewpoint: 0.5 -0.25 1.5", [0.5, -0.25, 1.5]),
+        ("comment viewpoint of a friend", None),
+        ("comment the viewpoint 1 2 3", None),
+    ],
+)
+def test_the_viewpoint_of_a_ply_stands_in_a_comment(line, expected, tmp_path):
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    head = f"ply\nformat ascii 1.0\n{line}\nelement vertex 1\n{axes}end_header\n"
+    (tmp_path / "a.ply").write_text(f"{head}1 2 3\ncomment viewpoint 9 9 9\n")
+    assert viewpoint_of(tmp_path / "a.ply") == expected

@@ -290,3 +290,23 @@ def test_images_are_dropped_whole():
     for seed in kept[:5]:  # the others are as they are without
         plain = DepthNoise().apply(depth, INTRINSICS, rng(seed))
         np.testing.assert_array_equal(noise.apply(depth, INTRINSICS, rng(seed)), plain)
+
+
+def test_disparities_are_smeared_at_edges_as_the_mean_of_a_window_says():
+    """Across a step, by hand; nothing elsewhere."""
+    depth = np.full((40, 60), 0.8)
+    depth[:, 30:] = 0.4
+    exact = DepthNoise(
+        subpixel=0.0, disparity_step=0.0, depth_step=0.0, flying=0.0, edge_missing=0.0, smear=5.0
+    )
+    found = exact.apply(depth, INTRINSICS, rng())
+    near, far = 1.0 / 0.4, 1.0 / 0.8
+    shares = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])  # of 5 pixels, the nearer surface's
+    np.testing.assert_allclose(1.0 / found[20, 27:33], far + shares * (near - far), atol=1e-9)
+    np.testing.assert_allclose(found[:, :27], 0.8)
+    depth[10:20, 40:50] = 0.0  # nothing is measured there: no surface, and no edge of one
+    again = exact.apply(depth, INTRINSICS, rng())
+    np.testing.assert_array_equal(again[:, :33], found[:, :33])
+    np.testing.assert_allclose(again[again[:, 36] > 0.0, 36], 0.4)
+    plain = dataclasses.replace(exact, smear=0.0)
+    np.testing.assert_allclose(plain.apply(depth, INTRINSICS, rng()), depth)
