@@ -5,7 +5,6 @@ from pydrake.multibody.tree import JacobianWrtVariable
 import feasigrasp as fg
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.arm import Family
 from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
@@ -14,7 +13,7 @@ from feasigrasp.systems.from_scenario import make_station
 from feasigrasp.systems.station.cell_check import check_cell
 from feasigrasp.systems.station.directives import cell_directives
 
-OTHERS = [name for name in arm_names() if load_arm(name).family != Family.SRS]
+OTHERS = [name for name in arm_names() if name != "iiwa7"]
 
 
 def scenario_with(name):
