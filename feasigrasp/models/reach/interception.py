@@ -68,7 +68,7 @@ _IN_TIME = 0.04
 #: Scores below this count as this. Source: guessed.
 _LEAST_SCORE = 0.05
 #: Branch and arm angle [rad]. Source: layout.
-_CONFIGURATION = tuple[Annotated[int, Number(least=0, most=7)], float]
+_CONFIGURATION = tuple[Annotated[int, Number(least=0)], float]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from pydrake.lcm import DrakeLcm
 from feasigrasp.errors import HardwareError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.command_guard import CommandGuard
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.decode import decode
 from feasigrasp.systems.hardware.guarded_cell import GuardedCell
@@ -141,7 +140,7 @@ class Guard:
         self.dropped[channels.IIWA_REQUEST] += not self._guard.request(1e-6 * request.utime, q)
 
     def _answer(self, data: bytes) -> None:
-        status = decode(lcmt_iiwa_status, data)
+        status = decode(lcmt_iiwa_status, data, self._guard.joints)
         if status is None or status.utime < 0:
             self.dropped[channels.IIWA_STATUS] += 1
             return
@@ -158,7 +157,7 @@ class Guard:
 
     def _send(self, q: Array) -> None:
         command = lcmt_iiwa_command()
-        command.utime, command.num_joints = self._utime, IIWA_7.joints
+        command.utime, command.num_joints = self._utime, len(q)
         command.joint_position = q.tolist()
         encoded = command.encode()
         if self._sent and next(reversed(self._sent.values())) < 2:
@@ -217,4 +216,4 @@ def main(url: str, begun: Callable[[], None], cell: GuardedCell, *, alone: bool 
 def _warm_up(guard: CommandGuard) -> None:
     """Lets all be compiled that a guard calls."""
     for time_ in np.arange(0.0, 2.0 * CommandGuard.START_AFTER, channels.IIWA_PERIOD):
-        guard.command(time_, np.zeros(IIWA_7.joints))
+        guard.command(time_, np.zeros(guard.joints))

@@ -106,6 +106,11 @@ class CommandGuard:
         """The driver's [s]."""
         return self._clock.period
 
+    @property
+    def joints(self) -> int:
+        """How many the arm has."""
+        return self._arm.joints
+
     def request(self, stamp: float, q: Array) -> bool:
         """Accepts requested positions; returns whether they are used.
 
