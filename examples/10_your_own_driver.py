@@ -1,8 +1,4 @@
-"""A driver of one's own: a Universal Robots arm by RTDE, here with a stand-in; untried on an arm.
-
-With ``ur-rtde`` and the entry point ``ur`` of the group ``feasigrasp.drivers`` for `make_driver`,
-``feasigrasp driver ur`` serves the arm.
-"""
+"""A driver of one's own, an entry point of feasigrasp.drivers: UR by RTDE, untried on an arm."""
 
 import sys
 from pathlib import Path
@@ -12,11 +8,11 @@ import numpy as np
 from drake import lcmt_iiwa_status
 
 picture = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples/10_your_own_driver.png")
-ADDRESS, RATE = "192.168.1.10", 500.0  # of the arm; [Hz]
+RATE = 500.0  # [Hz]
 
 
 class UrDriver:
-    """What `feasigrasp.systems.hardware.bridge.Driver` asks for."""
+    """A `feasigrasp.systems.hardware.bridge.Driver`."""
 
     def __init__(self, receive, control):
         self._receive, self._control = receive, control
@@ -27,24 +23,25 @@ class UrDriver:
         status.joint_position_measured = self._receive.getActualQ()
         status.joint_velocity_estimated = self._receive.getActualQd()
         status.joint_position_commanded = status.joint_position_ipo = self._receive.getTargetQ()
-        for name in ("measured", "commanded", "external"):
-            setattr(status, f"joint_torque_{name}", [0.0] * 6)  # not measured
+        status.joint_torque_measured = status.joint_torque_commanded = [0.0] * 6
+        status.joint_torque_external = [0.0] * 6  # not measured: contact is not sensed
         return status
 
     def send(self, utime, q):
         self._control.servoJ(q.tolist(), 0.0, 0.0, 1.0 / RATE, 0.03, 300)
 
 
-def make_driver(lcm_url):
+def make_driver(lcm_url, address="192.168.1.10"):
     """What the entry point names."""
-    from rtde_control import RTDEControlInterface
-    from rtde_receive import RTDEReceiveInterface
+    import rtde_control  # type: ignore[import-not-found]
+    import rtde_receive  # type: ignore[import-not-found]
 
-    return UrDriver(RTDEReceiveInterface(ADDRESS, RATE), RTDEControlInterface(ADDRESS))
+    receive = rtde_receive.RTDEReceiveInterface(address, RATE)
+    return UrDriver(receive, rtde_control.RTDEControlInterface(address))
 
 
 class StandIn:
-    """An arm that goes half of the way to a command in every cycle."""
+    """Goes half of the way to a command in every cycle."""
 
     q, cycles = np.zeros(6), 0
 
@@ -56,14 +53,13 @@ class StandIn:
         return lambda: now.get(name, list(self.q))
 
 
-arm = StandIn()
-driver, sent, measured = UrDriver(arm, arm), 0.3 * np.sin(0.02 * np.arange(250)), []
+driver = UrDriver(*2 * [StandIn()])
+sent, measured = 0.3 * np.sin(0.02 * np.arange(250)), []
 for angle in sent:
     driver.send(0, np.full(6, angle))
     measured.append(driver.read().joint_position_measured[0])
-for name, values in {"sent": sent, "measured": measured}.items():
-    plt.plot(values, label=name)
-    print(f"{name}: up to {max(values):.3f} rad")
-plt.legend(title="joint 1 [rad], by cycle")
+plt.plot(np.transpose([sent, measured]), label=["sent", "measured"])
+print(f"joint 1 is sent to {max(sent):.3f} rad,\nand goes to {max(measured):.3f} rad")
+plt.legend()
 picture.parent.mkdir(parents=True, exist_ok=True)
 plt.savefig(picture)

@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from feasigrasp.models.compiled import compiled
+from feasigrasp.models.geometry.se3_kernels import quaternion_kernel
 from feasigrasp.models.ik.subproblems import next_to
 from feasigrasp.models.numerics.small_cholesky import cholesky_kernel, cholesky_solve_kernel
 from feasigrasp.models.robot.arm import LOWER, SEEDS, UPPER
@@ -84,7 +85,7 @@ def least_squares_kernel(chain, X_WF, free, q):
 def nearest_seeds_kernel(chain, X_WF, found):
     """Writes the seeds (k,) whose flange poses are nearest to one, the nearest first."""
     m, count = (chain.shape[1] - SEEDS) // 2, len(found)
-    w = _quaternion(X_WF)
+    w = quaternion_kernel(X_WF[:3, :3])
     cost, apart = np.full(count, np.inf), np.empty(m)
     p, f = (X_WF[0, 3], X_WF[1, 3], X_WF[2, 3]), chain[:, SEEDS : SEEDS + m]
     for s in range(m):
@@ -100,23 +101,6 @@ def nearest_seeds_kernel(chain, X_WF, found):
                 cost[k], found[k] = cost[k - 1], found[k - 1]
                 k -= 1
             cost[k], found[k] = apart[s], s
-
-
-@compiled
-def _quaternion(X):
-    """Of a rotation: w, x, y, z (Shepperd 1978)."""
-    a, b, c = X[0, 0], X[1, 1], X[2, 2]
-    t = max(a + b + c, a, b, c)
-    if t == a + b + c:
-        w, x, y, z = 1.0 + t, X[2, 1] - X[1, 2], X[0, 2] - X[2, 0], X[1, 0] - X[0, 1]
-    elif t == a:
-        w, x, y, z = X[2, 1] - X[1, 2], 1.0 + a - b - c, X[0, 1] + X[1, 0], X[0, 2] + X[2, 0]
-    elif t == b:
-        w, x, y, z = X[0, 2] - X[2, 0], X[0, 1] + X[1, 0], 1.0 + b - a - c, X[1, 2] + X[2, 1]
-    else:
-        w, x, y, z = X[1, 0] - X[0, 1], X[0, 2] + X[2, 0], X[1, 2] + X[2, 1], 1.0 + c - a - b
-    length = math.sqrt(w * w + x * x + y * y + z * z)
-    return w / length, x / length, y / length, z / length
 
 
 @compiled
@@ -171,10 +155,10 @@ def seed_of_kernel(chain, q):
             apart[s] += (chain[j, SEEDS + m + s] - q[j]) ** 2
     first = np.argmin(apart)
     for _ in range(4):
-        s = np.argmin(apart)
+        best = np.argmin(apart)
         for j in range(n):
-            one[j] = chain[j, SEEDS + m + s] if j < 6 else r
+            one[j] = chain[j, SEEDS + m + best] if j < 6 else r
         if least_squares_kernel(chain, X, 6, one) and np.max(np.abs(np.sin(one - q))) < 1e-3:
-            return s
-        apart[s] = np.inf
+            return best
+        apart[best] = np.inf
     return first

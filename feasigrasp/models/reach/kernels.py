@@ -88,7 +88,8 @@ class Scratch(NamedTuple):
         samples: Arm angles to choose the nearest configuration from, of an S-R-S arm.
         segments: The exact intervals of arm angle, likewise.
         found: Of another arm, the solutions of a pose for each redundancy and branch, shape (m, n).
-        seeds: Of an arm without a closed form, those nearest to a pose, shape (16,).
+        seeds: Of an arm without a closed form, the 16 nearest to a pose, and that of the solution
+            in ``q``, negative for none, shape (17,).
         time: When the arm is there, infinite where it must not be, shape (m,) [s].
         q: The configuration that is being tried, shape (7,).
         ends: Ends of the hand's capsules in the base frame, shape (c, 2, 3).
@@ -116,7 +117,7 @@ def make_scratch(search, q_near):
         ),
         make_segments(search.chain, search.limit_margin),
         np.empty((0 if srs else m, n)),
-        np.empty(16, dtype=np.int64),
+        np.empty(17, dtype=np.int64),
         np.empty(0 if srs else m),
         np.empty(len(q_near)),
         np.empty(search.fixed.shape),
@@ -222,7 +223,7 @@ def _solve_all(X_WF, q_near, search, scratch):
     """Writes the solutions (m, n) of a pose, and their travel times from ``q_near``."""
     chain, psis, seeded = search.chain, search.psis, is_seeded(search.chain)
     if seeded:
-        nearest_seeds_kernel(chain, X_WF, scratch.seeds)
+        nearest_seeds_kernel(chain, X_WF, scratch.seeds[:16])
     for k in range(len(scratch.found)):
         q, j = scratch.found[k], k // 8
         r = psis[j] if j < len(psis) else redundancy_kernel(chain, q_near)
@@ -244,7 +245,7 @@ def _first_solution(X_WF, search, scratch):
     verdict, q, n, seeded = WRIST, scratch.q, len(search.psis), is_seeded(search.chain)
     step = search.psis[1] - search.psis[0] if n > 1 else 0.0
     if seeded:
-        nearest_seeds_kernel(search.chain, X_WF, scratch.seeds)
+        nearest_seeds_kernel(search.chain, X_WF, scratch.seeds[:16])
     for k in range(4 * n if n > 1 else (2 if seeded else 1)):
         r = search.psis[k % n] + (0.0, 0.5, -0.25, 0.25)[k // n] * step
         for branch in range(8):
@@ -295,6 +296,7 @@ def next_kernel(circle, search, scratch):
     if shortest < np.inf:
         scratch.time[index] = np.inf
         scratch.q[:] = scratch.found[index]
+        scratch.seeds[16] = scratch.seeds[index - 1] if index > 0 else -1
     return shortest
 
 

@@ -81,9 +81,9 @@ def pose_jacobian_kernel(chain, q, X_FT, X_WT, J_WT):
             axis = x
             y, z = turn(y, z, s, c)
         else:
-            k = chain[j, DIRECTION], chain[j, DIRECTION + 1], chain[j, DIRECTION + 2]
-            axis = step(step(step((0.0, 0.0, 0.0), k[0], x), k[1], y), k[2], z)
-            x, y, z = turn_frame(x, y, z, k, s, c)
+            h = chain[j, DIRECTION], chain[j, DIRECTION + 1], chain[j, DIRECTION + 2]
+            axis = step(step(step((0.0, 0.0, 0.0), h[0], x), h[1], y), h[2], z)
+            x, y, z = turn_frame(x, y, z, h, s, c)
         if J_WT is not None:
             J_WT[0, j], J_WT[1, j], J_WT[2, j] = sign * axis[0], sign * axis[1], sign * axis[2]
             J_WT[3, j], J_WT[4, j], J_WT[5, j] = origin
