@@ -3,7 +3,7 @@
 The step is ``J^T (J J^T + lambda I)^-1 e`` (Wampler 1986; Nakamura and Hanafusa 1986), with lambda
 in proportion to ``|e|^2`` (Sugihara, "Solvability-unconcerned inverse kinematics by the
 Levenberg-Marquardt method", T-RO 2011), clamped to the limits. Seeds are the configurations of
-`feasigrasp.models.robot.seed_table` whose flange poses are nearest to the one that is wanted. A
+an `Arm`'s chain whose flange poses are nearest to the one that is wanted. A
 *branch* is a seed, and the last of seven joints is the redundancy: both are kept along an object
 path, and so is the solution, as long as it moves smoothly.
 """
@@ -85,22 +85,22 @@ def least_squares_kernel(chain, X_WF, free, q):
 def nearest_seeds_kernel(chain, X_WF, found):
     """Writes the seeds (k,) whose flange poses are nearest to one, the nearest first."""
     m, count = (chain.shape[1] - SEEDS) // 2, len(found)
-    w = quaternion_kernel(X_WF[:3, :3])
+    w, i, j, k = quaternion_kernel(X_WF)
     cost, apart = np.full(count, np.inf), np.empty(m)
     p, f = (X_WF[0, 3], X_WF[1, 3], X_WF[2, 3]), chain[:, SEEDS : SEEDS + m]
     for s in range(m):
         x, y, z = f[0, s] - p[0], f[1, s] - p[1], f[2, s] - p[2]
-        dot = w[0] * f[3, s] + w[1] * f[4, s] + w[2] * f[5, s] + w[3] * f[6, s]
+        dot = w * f[6, s] + i * f[3, s] + j * f[4, s] + k * f[5, s]
         # |turn|^2 = 8 (1 - |dot|) of small ones.
         apart[s] = _PLACE * _PLACE * (x * x + y * y + z * z) - 8.0 * abs(dot)
     found[:] = 0
     for s in range(m):
         if apart[s] < cost[count - 1]:
-            k = count - 1
-            while k > 0 and cost[k - 1] > apart[s]:
-                cost[k], found[k] = cost[k - 1], found[k - 1]
-                k -= 1
-            cost[k], found[k] = apart[s], s
+            at = count - 1
+            while at > 0 and cost[at - 1] > apart[s]:
+                cost[at], found[at] = cost[at - 1], found[at - 1]
+                at -= 1
+            cost[at], found[at] = apart[s], s
 
 
 @compiled

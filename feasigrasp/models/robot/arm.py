@@ -13,12 +13,12 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import ArgumentError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.quantities import JOINTS, POSE, ArrayOf, Positive, Whole
-from feasigrasp.models.robot.seed_table import seed_table
 
 #: Columns of a joint's row in `Arm.chain`: its axis (0 x, 1 y, 2 z, 3 another) and the sign of it,
 #: the way from the link before (3), its limits, the acceleration that may be commanded, the margin
@@ -189,9 +189,30 @@ class Arm(Frozen):
         elif self.family == Family.PARALLEL:
             flange[GEOMETRY : GEOMETRY + 3] = self._meeting(4, 5)
         else:
-            seeds = seed_table(self.axes, self.points, self.X_WF, *self.turns)
-            return np.ascontiguousarray(np.hstack([chain, seeds]))
+            return np.ascontiguousarray(np.hstack([chain, self._seeds()]))
         return chain
+
+    def _seeds(self) -> Array:
+        """Random configurations with their flange poses, shape (n + 1, 2 m).
+
+        The first m columns are features of the poses: place [m], then quaternion (x, y, z, w). The
+        others are the joint positions [rad], uniform in `turns`.
+        """
+        m, n = 4000, self.joints
+        Q = np.random.default_rng(0).uniform(*self.turns, (m, n))
+        R, p = Rotation.identity(m), np.zeros((m, 3))
+        for angle, axis, point in zip(Q.T, self.axes, self.points, strict=True):
+            turn = Rotation.from_rotvec(angle[:, None] * axis)
+            p, R = p + R.apply(point - turn.apply(point)), R * turn
+        features = np.hstack(
+            [
+                p + R.apply(self.X_WF[:3, 3]),
+                (R * Rotation.from_matrix(self.X_WF[:3, :3].copy())).as_quat(),
+            ]
+        )
+        seeds = np.zeros((n + 1, 2 * m))
+        seeds[:7, :m], seeds[:n, m:] = features.T, Q.T
+        return seeds
 
     def _meeting(self, *joints: int) -> Array:
         """The point where axes meet [m].
