@@ -198,16 +198,16 @@ class Arm(Frozen):
         The first m columns are features of the poses: place [m], then quaternion (x, y, z, w). The
         others are the joint positions [rad], uniform in `turns`.
         """
-        m, n = 4000, self.joints
+        m, n, points, X_WF = 4000, self.joints, self.points.copy(), self.X_WF.copy()
         Q = np.random.default_rng(0).uniform(*self.turns, (m, n))
         R, p = Rotation.identity(m), np.zeros((m, 3))
-        for angle, axis, point in zip(Q.T, self.axes, self.points, strict=True):
+        for angle, axis, point in zip(Q.T, self.axes, points, strict=True):
             turn = Rotation.from_rotvec(angle[:, None] * axis)
             p, R = p + R.apply(point - turn.apply(point)), R * turn
         features = np.hstack(
             [
-                p + R.apply(self.X_WF[:3, 3]),
-                (R * Rotation.from_matrix(self.X_WF[:3, :3].copy())).as_quat(),
+                p + R.apply(X_WF[:3, 3]),
+                (R * Rotation.from_matrix(X_WF[:3, :3])).as_quat(),
             ]
         )
         seeds = np.zeros((n + 1, 2 * m))
