@@ -1,4 +1,4 @@
-"""A driver of one's own, an entry point of feasigrasp.drivers: UR by RTDE, untried on an arm."""
+"""A driver of one's own, a plugin of the kind ``drivers``: a UR arm by RTDE, untried on one."""
 
 import sys
 from pathlib import Path

@@ -18,7 +18,7 @@ from feasigrasp.systems.hardware import channels
 
 
 class Driver(Protocol):
-    """What an entry point of ``feasigrasp.drivers`` makes, given the URL of the message bus."""
+    """What a plugin of the kind ``drivers`` makes, given the URL of the message bus."""
 
     def read(self) -> lcmt_iiwa_status | None:
         """The arm's newest state, waited for; None without one in 0.1 s."""
