@@ -9,6 +9,7 @@ Kinds, each with what an entry point of it is:
 
 - ``commands``: a function that returns `feasigrasp.cli.Commands`.
 - ``controllers``: a function ``(scenario, reachability, safety) -> GraspController``.
+- ``drivers``: a function ``(lcm_url) -> feasigrasp.systems.hardware.bridge.Driver``.
 - ``fields``: a function ``(cloud, length_scale=, noise_variance=, max_points=) ->
   feasigrasp.models.shape.gpdf.Gpdf``; ``noise_variance`` may be None.
 - ``judges``: a function ``(scenario, reachability) -> LeafSystem``, a system with the ports of

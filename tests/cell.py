@@ -36,7 +36,7 @@ class Cell:
     def start(self, q=HOME):
         self.simulator = Simulator(self.station)
         self.context = self.simulator.get_mutable_context()
-        self.fix("iiwa.desired_state", np.r_[q, np.zeros(7)])
+        self.fix("arm.desired_state", np.r_[q, np.zeros(7)])
         self.fix("gripper.position", [OPEN])
         self.fix("object.hold", [1.0])
         return self

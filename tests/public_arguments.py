@@ -51,6 +51,8 @@ from tools.make_docs import faces
 
 #: Public, but not called with arguments of a user's.
 NOT_WALKED = {
+    "Station.GetInputPort": "Drake's, and so are its errors",
+    "Station.GetOutputPort": "likewise",
     "Arm": "made from files; wrong ones are in tests/models/robot/test_arms.py",
     "DynamicGrasp": "made by make_dynamic_grasp",
     "ControllerInputs": "made by GraspController at every tick",

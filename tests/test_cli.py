@@ -71,7 +71,8 @@ def test_the_commands_are_those_that_users_rely_on():
 
 def test_the_commands_for_people_are_there():
     assert list(SINGLE) == [
-        *("arm", "doctor", "feasible", "guard", "live", "objects", "perceive", "record", "run"),
+        *("arm", "doctor", "driver", "feasible", "guard", "live", "objects", "perceive", "record"),
+        "run",
         *("scenarios", "sim", "track", "warm-up"),
         "report",
     ]

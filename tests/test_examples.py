@@ -25,9 +25,9 @@ def test_an_example_runs_and_draws(script, tmp_path, monkeypatch, capsys):
     assert pixels[..., :3].std() > 0.03  # not an empty page
 
 
-def test_there_are_nine_short_ones():
+def test_there_are_ten_short_ones():
     lines = {script.name: len(script.read_text().splitlines()) for script in EXAMPLES}
-    assert len(lines) == 9
+    assert len(lines) == 10
     assert all(20 <= count <= 65 for count in lines.values()), lines
     page = (REPOSITORY / "docs" / "own_parts.md").read_text()
     assert not [name for name in lines if f"`{name}`" not in page]

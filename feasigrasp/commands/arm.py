@@ -14,6 +14,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.arm_choices import camera_above, chosen_home, close_pairs
 from feasigrasp.models.robot.arm_file import arm_from
@@ -67,6 +68,8 @@ def main(args: argparse.Namespace) -> int:
         kd = (_WRIST_POLE if j >= arm.joints - 3 else _VELOCITY_POLE) * inertia
         joint["kd"], joint["kp"] = float(f"{kd:.2g}"), float(f"{_POSITION_POLE * kd:.2g}")
     _check(arm, warnings)
+    if not Reachability(arm=arm, limit_margin=0.0).admissible(arm.home[None]).all():
+        warnings.append("no home with the hand in front of the arm was found; give home")
     head = f"# Written by feasigrasp arm {args.urdf.name} --flange {args.flange}.\n"
     head += "".join(f"# Beware: {warning}.\n" for warning in warnings)
     text = head + yaml.safe_dump(given, sort_keys=False, default_flow_style=None, width=100)

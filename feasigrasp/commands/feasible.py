@@ -24,6 +24,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.reach import Reachability, Situation, Verdict, feasible_poses
+from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.segmentation.tabletop import tabletop
 from feasigrasp.outputs import check_outputs, write_text
@@ -52,12 +53,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="Origin of the grasps: between the pads, or at the Panda's flange.",
     )
     parser.add_argument(
+        "--arm", default="iiwa7", help=f"One of {', '.join(arm_names())}, or the file of an arm."
+    )
+    parser.add_argument(
         "--q",
         type=float,
-        nargs=IIWA_7.joints,
+        nargs="+",
         metavar="Q",
-        default=(0.0, 30.0, 0.0, -90.0, 0.0, 60.0, 0.0),
-        help="Joint positions, in degrees. Default: elbow bent, hand down.",
+        help="Joint positions, in degrees. Default: elbow bent, hand down; of others, their home.",
     )
     parser.add_argument(
         "--velocity",
@@ -98,10 +101,12 @@ def main(args: argparse.Namespace) -> int:
             standing, table = tabletop(points)
             points = points[standing]
         gpdf = perceive(points, sampler=SamplerName.ANTIPODAL, table=table).gpdf
-    q = np.deg2rad(args.q)
+    arm = load_arm(args.arm)
+    bent = [0.0, 30.0, 0.0, -90.0, 0.0, 60.0, 0.0] if arm is IIWA_7 else np.rad2deg(arm.home)
+    q = arm.positions(np.deg2rad(args.q or bent), 1)
     V_WO = np.array([0.0, 0.0, 0.0, *args.velocity])
-    now = Situation(0.0, q, np.zeros(IIWA_7.joints), _pose(args.camera_pose), V_WO)
-    found = feasible_poses(X_CG, now, Reachability(), gpdf=gpdf, width=width)
+    now = Situation(0.0, q, np.zeros(arm.joints), _pose(args.camera_pose), V_WO)
+    found = feasible_poses(X_CG, now, Reachability(arm=arm), gpdf=gpdf, width=width)
     counts = Counter(found.verdicts)
     print(f"{args.grasps.name}: {len(X_CG)} grasps, {counts[Verdict.REACHABLE]} feasible")
     for verdict, count in counts.most_common():

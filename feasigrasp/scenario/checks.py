@@ -83,16 +83,6 @@ def _check_arm(scenario: Scenario) -> None:
         )
 
 
-def check_driver(scenario: Scenario) -> None:
-    """Refuses an arm whose driver's messages are not those that are sent and read.
-
-    Raises:
-        ScenarioError: It is another one than the iiwa.
-    """
-    if load_arm(scenario.arm) is not IIWA_7:
-        raise ScenarioError(f"arm is {scenario.arm}; on hardware only the iiwa's driver is served")
-
-
 def _check_gripper(scenario: Scenario) -> None:
     try:
         load_gripper(scenario.gripper)

@@ -15,8 +15,9 @@ from feasigrasp.errors import MeshError, ScenarioError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.choices import SAFE, mode_names, nearest
 from feasigrasp.models.objects.rigid_object import builtin_objects, object_file
-from feasigrasp.models.robot.arm_file import arm_names
+from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.gripper import GRIPPERS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.keys import check_keys, compose, find, move_keys, replace_former_keys
@@ -122,7 +123,8 @@ def load_scenario(
         load_scenario("ReachLinear", "{object: {model: mug}}")
         load_scenario("own.scenarios.yaml", "Mine", "{object: {model: mug}}")
 
-    Paths in it start at the file, those in ``overrides`` at the working directory.
+    Paths in it start at the file, those in ``overrides`` at the working directory. Motions of
+    packaged ones shrink for an arm of less reach than the iiwa 7's.
 
     Args:
         scenario: Name of a packaged scenario, as ``feasigrasp scenarios`` lists them. Or a YAML
@@ -159,7 +161,22 @@ def load_scenario(
         # The first to say so is named: what came after may have nothing to do with it.
         what = next(stage for stage, scenario in stages if _wrong_with(scenario) == wrong)
         raise ScenarioError(f"{what}: {wrong}")
+    if Path(filename) == diagram_path(PACKAGED):
+        _shrink_motion(stages[-1][1], stages[0][1])
     return stages[-1][1]
+
+
+def _shrink_motion(scenario: Scenario, first: Scenario) -> None:
+    """Shrinks what a packaged scenario says of the motion, for an arm of less reach than its own.
+
+    Values that were given on top stay.
+    """
+    share = min(1.0, load_arm(scenario.arm).reach / IIWA_7.reach)
+    for name in ("center", "amplitude", "size", "spread") if share < 1.0 else ():
+        value = getattr(scenario.motion, name, None)
+        if value is not None and value == getattr(first.motion, name, None):
+            height = value[2] if name == "center" else share * value[2]
+            setattr(scenario.motion, name, [share * value[0], share * value[1], height])
 
 
 @checked(ScenarioError)

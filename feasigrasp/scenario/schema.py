@@ -327,7 +327,8 @@ class Scenario:
         directives: The robot cell; see ``models/iiwa/cell.dmd.yaml``. Paths start at the scenario's
             file, here and in every other key.
         cell: Table height, clearance to the table, and obstacles.
-        arm: ``iiwa7``, ``panda``, ``fr3``, ``ur5e``, ``xarm7``, or a file of ``feasigrasp arm``.
+        arm: ``iiwa7``, ``iiwa14``, ``panda``, ``fr3``, ``ur5e``, ``xarm7``, or a file of
+            ``feasigrasp arm``.
         gripper: The hand: ``EZGripper``, ``WSG_50``, ``suction``, or a YAML file with attributes of
             `ParallelGripper`, or with ``kind: suction`` of `SuctionCup`; its model is made of them.
         cameras: Cameras by name.

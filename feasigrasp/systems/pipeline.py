@@ -364,10 +364,10 @@ def add_judges(cell: Cell) -> None:
     for name, port, period in (
         ("metrics", metrics.get_output_port(), SAMPLE_PERIOD),
         ("obstacle_distance", distance.get_output_port(), SAMPLE_PERIOD),
-        ("arm", station.GetOutputPort("iiwa.state_estimated"), cell.scenario.control.period),
+        ("arm", station.GetOutputPort("arm.state_estimated"), cell.scenario.control.period),
         # At every step of the plant, which computes them anyway; in between it would do so anew.
-        ("torque", station.GetOutputPort("iiwa.torque_measured"), station.plant.time_step()),
-        ("velocity", station.GetOutputPort("iiwa.velocity_estimated"), station.plant.time_step()),
+        ("torque", station.GetOutputPort("arm.torque_measured"), station.plant.time_step()),
+        ("velocity", station.GetOutputPort("arm.velocity_estimated"), station.plant.time_step()),
     ):
         LogVectorOutput(port, cell.builder, period).set_name(f"log({name})")
 

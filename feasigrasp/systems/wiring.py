@@ -14,7 +14,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
 #: The object's pose when the image was taken.
 _POSE_AT_VIEW = "tracker.pose_at_view | pose_at_view.pose | tracker.object_pose"
-_POSITION = "station.iiwa.position_measured"
+_POSITION = "station.arm.position_measured"
 _FINGERS = "station.gripper.state_measured"
 
 #: What a controller is given, and a planner in a process of its own.
@@ -174,14 +174,14 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "arrival": "controller.arrival",
     },
     "contact_sense": {
-        "torque_external": "station.iiwa.torque_external",
+        "torque_external": "station.arm.torque_external",
         "phase": "sequencer.phase",
     },
     "planner": _CONTROLLER,
     "controller": _CONTROLLER,
     "drive": {"velocity": "velocity", "position": _POSITION},
     "station": {
-        "iiwa.desired_state": "drive.desired_state",
+        "arm.desired_state": "drive.desired_state",
         "gripper.position": "sequencer.gripper_position",
         "object.hold": "sequencer.object_hold",
     },
@@ -212,7 +212,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
     "view_time(latency)": {"u": "perception.view_time", "stamp": "exposed"},
     "view_time(reachable)": {"u": "view_time(latency).y"},
     "metrics": {
-        "state": "station.iiwa.state_estimated",
+        "state": "station.arm.state_estimated",
         "object_pose": "station.object.pose",
         "frame_pose": "true_frame.frame_pose",
         "phase": "sequencer.phase | handover.phase",

@@ -22,7 +22,7 @@ from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.protocols.fault_table import FAULTS, StudiedFault
 from feasigrasp_lab.results.arguments import select_objects
 from feasigrasp_lab.results.finished import Record
-from feasigrasp_lab.runs.plan import PlannedRun
+from feasigrasp_lab.runs.plan import PlannedRun, chosen_text
 from feasigrasp_lab.runs.studies import STUDIES
 
 #: Metrics that say that a limit was broken: their share of samples or ticks [%].
@@ -75,7 +75,7 @@ def nominal_runs(args: argparse.Namespace) -> list[FaultRun]:
     motions = STUDIES["reach" if args.camera else "mocap"].scenarios
     cells = {
         (motion, controller): load_scenario(
-            filename, motion, args.scenario_text, f"{{control: {{controller: {controller}}}}}"
+            filename, motion, args.scenario_text, chosen_text(args, controller=controller)
         )
         for motion, controller in itertools.product(motions, controllers)
     }

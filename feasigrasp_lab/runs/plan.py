@@ -133,6 +133,12 @@ def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
     text = "{object: {friction: 0.4}}"
     help_ = f"YAML applied on top of every scenario, e.g. '{text}'."
     parser.add_argument("--scenario-text", help=help_)
+    parser.add_argument("--arm", help="Arm, or the file of one. Default: the scenario's.")
+
+
+def chosen_text(args: argparse.Namespace, **control: str) -> str:
+    """What the arguments choose in every scenario, as YAML: the arm, and entries of control."""
+    return json.dumps({"control": control} | ({} if args.arm is None else {"arm": args.arm}))
 
 
 def plan(args: argparse.Namespace) -> Plan:
@@ -272,7 +278,8 @@ def plan_run(
             f"scenario {name} ends in {suffix}, as the runs of a study do; give it another name"
         )
     filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
-    scenario = deepcopy(_read_once(filename, name, args.scenario_text, controller, mode))
+    choice = chosen_text(args, controller=controller, mode=mode)
+    scenario = deepcopy(_read_once(filename, name, args.scenario_text, choice))
     scenario.random_seed = scenario.tracker.seed = seed
     scenario.object.model = chosen[1]
     study.variants[variant](scenario)
@@ -281,7 +288,6 @@ def plan_run(
 
 
 @cache
-def _read_once(filename: Path, name: str, text: str | None, controller: str, mode: str) -> Scenario:
+def _read_once(filename: Path, name: str, text: str | None, choice: str) -> Scenario:
     """A scenario without object and seed: hundreds of runs share it."""
-    choice = {"control": {"controller": controller, "mode": mode}}
-    return load_scenario(filename, name, text, json.dumps(choice))
+    return load_scenario(filename, name, text, choice)

@@ -41,6 +41,7 @@ def conditions_text(found: Mapping[str, Any]) -> str:
     latency = _either(found["perception_latency_s"], "{:g} s")
     parts = [
         f"{found['split']} split",
+        *([f"arm: {_either(found['arm'])}"] if "arm" in found else []),
         f"largest speed of the object: {speeds}",
         f"camera: {_either(found['camera'])}",
         f"from a view to its grasps {latency}",
@@ -111,6 +112,7 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
     return {
         "split": split,
         "speeds": {name: _speeds(scenario) for name, scenario in by_name.items()},
+        "arm": _common(runs, lambda s: s.arm),
         "camera": _common(runs, _camera),
         "perception_latency_s": _common(runs, lambda s: s.perception.latency),
         "tracking": _common(runs, lambda s: _tracking(s.tracker)),

@@ -53,7 +53,7 @@ def first_mask_iou(scenario: Scenario) -> float:
     for name, value in (
         ("point_cloud", cloud),
         ("camera_pose", station.GetOutputPort(f"{camera}.pose").Eval(at_start)),
-        ("position", station.GetOutputPort("iiwa.position_measured").Eval(at_start)),
+        ("position", station.GetOutputPort("arm.position_measured").Eval(at_start)),
         ("gripper_state", station.GetOutputPort("gripper.state_measured").Eval(at_start)),
         ("object_pose", RigidTransform(np.full((3, 4), np.nan))),
         ("tracking", Tracking(TrackingState.SEARCHING, np.inf)),

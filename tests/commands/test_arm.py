@@ -1,10 +1,17 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
 
 from feasigrasp import cli
 from feasigrasp.errors import ArgumentError
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.arm import Family
 from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.arm_model import arm_urdf
+from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.urdf_arm import describe_urdf, fitted_capsule
 
 
@@ -35,17 +42,71 @@ def test_a_fitted_capsule_holds_every_point():
         assert radius < 0.5 * np.linalg.norm(size) + 0.002
 
 
-def test_what_is_no_arm_of_a_known_build_is_refused(tmp_path):
+#: Of a Kinova Jaco (j2n6s200), whose last three axes are tilted and meet nowhere: turns about x
+#: between joints [rad], ways along x and z [m], and limits [rad]. Source: its DH parameters.
+JACO = [
+    (np.pi / 2, 0.0, 0.2755, -6.28, 6.28),
+    (np.pi, 0.41, 0.0, 0.82, 5.46),
+    (np.pi / 2, 0.0, -0.0098, 0.33, 5.95),
+    (np.pi / 3, 0.0, -0.25008, -6.28, 6.28),
+    (np.pi / 3, 0.0, -0.08556, -6.28, 6.28),
+    (np.pi, 0.0, -0.20278, -6.28, 6.28),
+]
+_LINK = """<link name="l{k}"><inertial><mass value="0.6"/><inertia ixx="0.002" iyy="0.002"
+izz="0.002"/></inertial>
+<collision><geometry><sphere radius="0.04"/></geometry></collision></link>"""
+_JOINT = """<joint name="j{k}" type="{kind}"><parent link="l{k}"/><child link="l{next}"/><origin
+xyz="{x} 0 {z}" rpy="{turn} 0 0"/><axis xyz="0 0 1"/><limit lower="{low}" upper="{high}"
+velocity="2" effort="40"/></joint>"""
+
+
+def jaco_urdf():
+    parts, place = [_LINK.format(k=0)], {"x": 0.0, "z": 0.0, "turn": 0.0}
+    for k, (turn, x, z, low, high) in enumerate([*JACO, (0.0,) * 5]):
+        kind = "revolute" if k < len(JACO) else "fixed"
+        parts.append(_JOINT.format(k=k, next=k + 1, kind=kind, low=low, high=high, **place))
+        parts.append(_LINK.format(k=k + 1) if kind == "revolute" else '<link name="l7"/>')
+        place = {"x": x, "z": z, "turn": turn}
+    return f"<robot name='jaco'>{''.join(parts)}</robot>"
+
+
+def test_an_arm_that_fits_no_closed_form_is_seeded_and_its_model_is_drakes(tmp_path, capsys):
+    urdf, file = tmp_path / "jaco.urdf", tmp_path / "jaco.yaml"
+    urdf.write_text(jaco_urdf())
+    assert cli.main(["arm", str(urdf), "--flange", "l7", "--out", str(file)]) == 0
+    assert "6 joints, seeded" in capsys.readouterr().out
+    arm = load_arm(str(file))
+    assert arm.family == Family.SEEDED and (np.abs(arm.axes).max(axis=1) < 0.9).any()
+    plants = []
+    for text in (jaco_urdf(), arm_urdf(arm)):
+        plant = MultibodyPlant(0.0)
+        Parser(plant).AddModelsFromString(text, "urdf")
+        root = plant.GetBodyByName("l0" if not plants else arm.link_names[0])
+        plant.WeldFrames(plant.world_frame(), root.body_frame())
+        plant.Finalize()
+        plants.append((plant, plant.CreateDefaultContext()))
+    reach = Reachability(arm=replace(arm, pairs=()), limit_margin=0.0, table_clearance=-5.0)
+    for q in arm.random_positions(np.random.default_rng(0), 30):
+        theirs, ours = (
+            (plant.SetPositions(context, q), plant.GetBodyByName(name).EvalPoseInWorld(context))[1]
+            for (plant, context), name in zip(plants, ("l6", arm.link_names[-1]), strict=True)
+        )
+        np.testing.assert_allclose(ours.translation(), theirs.translation(), atol=1e-6)
+        X_WF = forward_kinematics(q, None, arm)
+        flange = plants[1][0].GetFrameByName("jaco_flange").CalcPoseInWorld(plants[1][1])
+        np.testing.assert_allclose(flange.GetAsMatrix4(), X_WF, atol=1e-9)
+        assert reach.reachable((X_WF @ reach.gripper.X_FG)[None]).all()
+
+
+def test_what_is_no_arm_is_refused(tmp_path, capsys):
     arm, urdf = load_arm("panda"), tmp_path / "arm.urdf"
     text = arm_urdf(arm)
     urdf.write_text(text)
     with pytest.raises(ArgumentError, match="has no link 'tool0'; it has panda_link_0"):
         describe_urdf(urdf, "tool0")
-    with pytest.raises(ArgumentError, match="an arm of 5 joints .* is of no build"):
-        describe_urdf(urdf, "panda_link_5")
-    urdf.write_text(text.replace('axis xyz="0 1 0"', 'axis xyz="0 0.8 0.6"'))
-    with pytest.raises(ArgumentError, match="arms with axes along x, y and z"):
-        describe_urdf(urdf, "panda_link_7")
+    few = ["arm", str(urdf), "--flange", "panda_link_5", "--out", str(tmp_path / "few.yaml")]
+    assert cli.main(few) == 2
+    assert "few has 5 joints; arms of 6 or 7 are supported" in capsys.readouterr().err
     urdf.write_text(text.replace('type="revolute"', 'type="prismatic"', 1))
     with pytest.raises(ArgumentError, match="panda_joint_1 is prismatic; joints of an arm turn"):
         describe_urdf(urdf, "panda_link_7")

@@ -73,7 +73,7 @@ def arm_positions(config, duration):
         simulator.AdvanceTo(0.02 * k)
         root = simulator.get_context()
         q.append(
-            station.GetOutputPort("iiwa.state_estimated")
+            station.GetOutputPort("arm.state_estimated")
             .Eval(station.GetMyContextFromRoot(root))[:7]
             .copy()
         )

@@ -4,7 +4,7 @@ A configuration is its flange pose, its *branch* (which of the solutions of the 
 *redundancy* (the arm angle psi of an S-R-S arm, the last joint of another with seven, nothing of
 one with six). A grasp in the object frame with a branch is a *candidate*: at any pose of the object
 the closed form gives its configuration at a redundancy anew, exact, and it moves as smoothly as
-object and redundancy do.
+object and redundancy do. Of an arm without one, least squares take its place.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.ik.parallel_axes import parallel_axes_kernel
+from feasigrasp.models.ik.seeded import seed_of_kernel, seeded_kernel
 from feasigrasp.models.ik.self_motion import (
     arm_angle_kernel,
     configuration_kernel,
@@ -30,7 +31,7 @@ _BACKS = 4
 
 
 #: Families as kernels compare them. Source: layout.
-_SRS, _PARALLEL = float(Family.SRS), float(Family.PARALLEL)
+_SRS, _PARALLEL, _SEEDED = (float(f) for f in (Family.SRS, Family.PARALLEL, Family.SEEDED))
 
 
 @compiled(forceinline=True)
@@ -39,11 +40,19 @@ def is_srs(chain):
     return chain[len(chain) - 1, FAMILY] == _SRS
 
 
+@compiled(forceinline=True)
+def is_seeded(chain):
+    """Whether an arm has no closed form."""
+    return chain[len(chain) - 1, FAMILY] == _SEEDED
+
+
 @compiled
 def other_kernel(chain, X_WF, branch, redundancy, q):
     """`solve_kernel` of an arm that is not S-R-S."""
     if chain[len(chain) - 1, FAMILY] == _PARALLEL:
         return parallel_axes_kernel(chain, X_WF, branch, q)
+    if is_seeded(chain):
+        return seeded_kernel(chain, X_WF, branch, redundancy, q)
     return shoulder_wrist_kernel(chain, X_WF, branch, redundancy, q)
 
 
@@ -60,6 +69,8 @@ def branch_kernel(chain, q):
     """Branch of a configuration (n,): that with which `solve_kernel` gives it back."""
     if is_srs(chain):
         return 4 * (q[3] < 0.0) + 2 * (q[1] < 0.0) + 1 * (q[5] < 0.0)
+    if is_seeded(chain):
+        return seed_of_kernel(chain, q)
     X_WF, solution, best, nearest = np.empty((4, 4)), np.empty(len(q)), 0, np.inf
     pose_jacobian_kernel(chain, q, np.eye(4), X_WF, None)
     for branch in range(8):

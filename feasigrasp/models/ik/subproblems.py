@@ -7,14 +7,13 @@ import math
 
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.vectors import cross, dot, minus, step
-from feasigrasp.models.robot.arm import AXIS, LOWER, PLACE, POINT, ROTATION, SIGN, UPPER
+from feasigrasp.models.robot.arm import DIRECTION, LOWER, PLACE, POINT, ROTATION, UPPER
 
 
 @compiled(forceinline=True)
 def axis_of(chain, j):
     """Direction of joint j's axis."""
-    k, sign = chain[j, AXIS], chain[j, SIGN]
-    return sign if k == 0.0 else 0.0, sign if k == 1.0 else 0.0, sign if k == 2.0 else 0.0
+    return chain[j, DIRECTION], chain[j, DIRECTION + 1], chain[j, DIRECTION + 2]
 
 
 @compiled(forceinline=True)

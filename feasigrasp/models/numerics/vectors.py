@@ -32,6 +32,17 @@ def step(p, length, a):
 
 
 @compiled(forceinline=True)
+def turn_frame(x, y, z, k, s, c):
+    """A frame's axes turned about the direction ``k``, given in it, by a sine s and cosine c."""
+    axis, d = step(step(step((0.0, 0.0, 0.0), k[0], x), k[1], y), k[2], z), 1.0 - c
+    return (
+        step(step(step((0.0, 0.0, 0.0), c, x), s, cross(axis, x)), d * k[0], axis),
+        step(step(step((0.0, 0.0, 0.0), c, y), s, cross(axis, y)), d * k[1], axis),
+        step(step(step((0.0, 0.0, 0.0), c, z), s, cross(axis, z)), d * k[2], axis),
+    )
+
+
+@compiled(forceinline=True)
 def turn(x, y, s, c):
     """The axes ``x`` and ``y`` turned about the third by an angle of sine s and cosine c.
 

@@ -30,6 +30,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.continuation import (
     branch_kernel,
     flange_pose_kernel,
+    is_seeded,
     redundancy_kernel,
     solve_kernel,
 )
@@ -68,7 +69,7 @@ _IN_TIME = 0.04
 #: Scores below this count as this. Source: guessed.
 _LEAST_SCORE = 0.05
 #: Branch and arm angle [rad]. Source: layout.
-_CONFIGURATION = tuple[Annotated[int, Number(least=0, most=7)], float]
+_CONFIGURATION = tuple[Annotated[int, Number(least=0)], float]
 
 
 @dataclass(frozen=True)
@@ -399,7 +400,11 @@ def _interceptions_kernel(ahead, X_OG, present_branch, present_psi, found):
                     if time > due + _IN_TIME and (time == np.inf or k < int(o.latest)):
                         break
                     there[:] = scratch.q
-                    branch, psi = branch_kernel(chain, there), redundancy_kernel(chain, there)
+                    psi = redundancy_kernel(chain, there)
+                    if is_seeded(chain) and scratch.seeds[16] >= 0:
+                        branch = scratch.seeds[16]
+                    else:
+                        branch = branch_kernel(chain, there)
                 one, then = _cost_kernel(ahead, k, X_OG[i], there, branch, psi, velocity)
                 if one < cost[i]:
                     cost[i], arrival[i], branches[i], psis[i] = one, then, branch, psi

@@ -10,7 +10,12 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.ik.continuation import is_srs, other_kernel, redundancy_kernel
+from feasigrasp.models.ik.continuation import (
+    is_seeded,
+    is_srs,
+    other_kernel,
+    redundancy_kernel,
+)
 from feasigrasp.models.ik.redundancy import (
     RedundancySamples,
     Segments,
@@ -19,6 +24,7 @@ from feasigrasp.models.ik.redundancy import (
     segments_kernel,
     travel_times_kernel,
 )
+from feasigrasp.models.ik.seeded import from_seed_kernel, nearest_seeds_kernel
 from feasigrasp.models.ik.self_motion import (
     REACHED,
     arm_angle_kernel,
@@ -82,6 +88,8 @@ class Scratch(NamedTuple):
         samples: Arm angles to choose the nearest configuration from, of an S-R-S arm.
         segments: The exact intervals of arm angle, likewise.
         found: Of another arm, the solutions of a pose for each redundancy and branch, shape (m, n).
+        seeds: Of an arm without a closed form, the 16 nearest to a pose, and that of the solution
+            in ``q``, negative for none, shape (17,).
         time: When the arm is there, infinite where it must not be, shape (m,) [s].
         q: The configuration that is being tried, shape (7,).
         ends: Ends of the hand's capsules in the base frame, shape (c, 2, 3).
@@ -90,6 +98,7 @@ class Scratch(NamedTuple):
     samples: RedundancySamples
     segments: Segments
     found: Array
+    seeds: Indices
     time: Array
     q: Array
     ends: Array
@@ -108,6 +117,7 @@ def make_scratch(search, q_near):
         ),
         make_segments(search.chain, search.limit_margin),
         np.empty((0 if srs else m, n)),
+        np.empty(17, dtype=np.int64),
         np.empty(0 if srs else m),
         np.empty(len(q_near)),
         np.empty(search.fixed.shape),
@@ -211,12 +221,17 @@ def _all_candidates(circle, search, scratch):
 @compiled
 def _solve_all(X_WF, q_near, search, scratch):
     """Writes the solutions (m, n) of a pose, and their travel times from ``q_near``."""
-    chain, psis = search.chain, search.psis
+    chain, psis, seeded = search.chain, search.psis, is_seeded(search.chain)
+    if seeded:
+        nearest_seeds_kernel(chain, X_WF, scratch.seeds[:16])
     for k in range(len(scratch.found)):
         q, j = scratch.found[k], k // 8
         r = psis[j] if j < len(psis) else redundancy_kernel(chain, q_near)
         q[:] = q_near
-        reached = other_kernel(chain, X_WF, k % 8, r, q)
+        if seeded:
+            reached = from_seed_kernel(chain, X_WF, scratch.seeds[k - 1] if k > 0 else -1, q)
+        else:
+            reached = other_kernel(chain, X_WF, k % 8, r, q)
         inside = reached and inside_limits_kernel(chain, q, search.limit_margin)
         scratch.time[k] = travel_time_kernel(chain, q, q_near) if inside else np.inf
 
@@ -225,16 +240,22 @@ def _solve_all(X_WF, q_near, search, scratch):
 def _first_solution(X_WF, search, scratch):
     """As `_first_in_segments`, of an arm that is not S-R-S, among its samples of redundancy.
 
-    Where those have none, among three more between any two.
+    Where those have none, among three more between any two. Without a closed form, from its seeds.
     """
-    verdict, q, n = WRIST, scratch.q, len(search.psis)
+    verdict, q, n, seeded = WRIST, scratch.q, len(search.psis), is_seeded(search.chain)
     step = search.psis[1] - search.psis[0] if n > 1 else 0.0
-    for k in range(4 * n if n > 1 else 1):
+    if seeded:
+        nearest_seeds_kernel(search.chain, X_WF, scratch.seeds[:16])
+    for k in range(4 * n if n > 1 else (2 if seeded else 1)):
         r = search.psis[k % n] + (0.0, 0.5, -0.25, 0.25)[k // n] * step
         for branch in range(8):
             for i in range(len(q)):
                 q[i] = 0.5 * (search.chain[i, LOWER] + search.chain[i, UPPER])
-            if not other_kernel(search.chain, X_WF, branch, r, q):
+            if seeded:
+                reached = from_seed_kernel(search.chain, X_WF, scratch.seeds[8 * k + branch], q)
+            else:
+                reached = other_kernel(search.chain, X_WF, branch, r, q)
+            if not reached:
                 continue
             if not inside_limits_kernel(search.chain, q, search.limit_margin):
                 verdict = LIMITS if verdict == WRIST else verdict
@@ -275,6 +296,7 @@ def next_kernel(circle, search, scratch):
     if shortest < np.inf:
         scratch.time[index] = np.inf
         scratch.q[:] = scratch.found[index]
+        scratch.seeds[16] = scratch.seeds[index - 1] if index > 0 else -1
     return shortest
 
 

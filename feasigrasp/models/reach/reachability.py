@@ -154,9 +154,9 @@ def _redundancies(arm: Arm, n: int) -> Array:
     """Arm angles of an S-R-S arm, else positions of the last of seven joints [rad]."""
     if arm.family == Family.SRS:
         return np.linspace(-np.pi, np.pi, n, endpoint=False)
-    if arm.family == Family.PARALLEL:
+    if arm.family in (Family.PARALLEL, Family.SEEDED):
         return np.zeros(1)
-    low, high = max(arm.lower[6], -np.pi), min(arm.upper[6], np.pi)
+    low, high = arm.turns[0][6], arm.turns[1][6]
     return np.asarray(low + (np.arange(n) + 0.5) / n * (high - low))
 
 

@@ -13,17 +13,19 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import ArgumentError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.quantities import JOINTS, POSE, ArrayOf, Positive, Whole
 
-#: Columns of a joint's row in `Arm.chain`: its axis (0 x, 1 y, 2 z) and the sign of it, the way
-#: from the link before (3), its limits, the acceleration that may be commanded, the margin of
-#: position, and a point on the axis (3).
+#: Columns of a joint's row in `Arm.chain`: its axis (0 x, 1 y, 2 z, 3 another) and the sign of it,
+#: the way from the link before (3), its limits, the acceleration that may be commanded, the margin
+#: of position, a point on the axis (3), and the direction of it (3).
 AXIS, SIGN, OFFSET, *_rest = range(24)
 LOWER, UPPER, VELOCITY, ACCELERATION, EFFORT, COMMANDED, MARGIN, POINT, *_others = _rest[2:]
+DIRECTION, SEEDS = POINT + 3, 24
 #: Columns of the last row, the flange's: after the way from the last link its rotation (9) and
 #: place (3) at q = 0, its `Family`, and the lengths or points that inverse kinematics needs (6).
 ROTATION = LOWER
@@ -41,6 +43,8 @@ class Family(IntEnum):
     SHOULDER_WRIST = 1
     #: Axes 2 to 4 of six are parallel.
     PARALLEL = 2
+    #: Any other with six or seven joints: by least squares from the seeds behind its chain.
+    SEEDED = 3
 
 
 def meeting_point(axes: Array, points: Array) -> tuple[Array, float]:
@@ -94,7 +98,7 @@ class Arm(Frozen):
     Attributes:
         name: Model instance in Drake, and first part of the names of joints and links.
         points: Origin of each joint's link in the base frame at q = 0, shape (n, 3) [m].
-        axes: Joint axes in the base frame at q = 0, along +-x, +-y or +-z, shape (n, 3).
+        axes: Joint axes in the base frame at q = 0, unit vectors, shape (n, 3).
         X_WF: Flange frame in the base frame at q = 0, shape (4, 4) [m]. A hand is mounted on it as
             `ParallelGripper.X_FG` says.
         lower: Lower limits of the joint positions, shape (n,) [rad].
@@ -116,7 +120,8 @@ class Arm(Frozen):
             about that [kg m^2] in the frame of each, shape (n + 1, 10).
         rotor_inertias: Of the motors, as the joints feel them, shape (n,) [kg m^2].
         home: A configuration from which the hand looks down in front of the arm, shape (n,) [rad].
-        chain: What kernels take, shape (n + 1, 24): a row for each joint and one for the flange.
+        chain: What kernels take, shape (n + 1, 24): a row for each joint and one for the flange;
+            columns more hold the seeds of an arm of `Family.SEEDED`.
     """
 
     name: str
@@ -149,19 +154,22 @@ class Arm(Frozen):
         """
         check_fields(self, ArgumentError)
         arrays = {k: np.array(v) for k, v in vars(self).items() if isinstance(v, np.ndarray)}
-        if (
-            not np.isin(np.abs(self.axes), (0.0, 1.0)).all()
-            or (np.abs(self.axes).sum(1) != 1).any()
-        ):
-            raise ArgumentError(f"Arm.axes = {self.axes.tolist()}; give axes along x, y or z")
+        if not np.allclose(np.linalg.norm(self.axes, axis=1), 1.0, rtol=0.0, atol=1e-9):
+            raise ArgumentError(f"Arm.axes = {self.axes.tolist()}; give unit vectors")
+        if self.family == Family.SEEDED and self.joints not in (6, 7):
+            raise ArgumentError(
+                f"{self.name} has {self.joints} joints; arms of 6 or 7 are supported"
+            )
         self._freeze(**arrays, chain=self._laid_out())
 
     def _laid_out(self) -> Array:
         n = self.joints
         chain = np.zeros((n + 1, 24))
         joints, flange = chain[:n], chain[n]
-        joints[:, AXIS] = np.abs(self.axes).argmax(axis=1)
-        joints[:, SIGN] = self.axes.sum(axis=1)
+        along = np.abs(self.axes).max(axis=1) == 1.0
+        joints[:, AXIS] = np.where(along, np.abs(self.axes).argmax(axis=1), 3.0)
+        joints[:, SIGN] = np.where(along, self.axes.sum(axis=1), 1.0)
+        joints[:, DIRECTION : DIRECTION + 3] = self.axes
         chain[:, OFFSET:LOWER] = np.diff([np.zeros(3), *self.points, self.X_WF[:3, 3]], axis=0)
         joints[:, LOWER], joints[:, UPPER] = self.lower, self.upper
         joints[:, VELOCITY], joints[:, ACCELERATION] = (
@@ -178,9 +186,33 @@ class Arm(Frozen):
             flange[GEOMETRY : GEOMETRY + 4] = self.lengths
         elif self.family == Family.SHOULDER_WRIST:
             flange[GEOMETRY:] = *self._meeting(0, 1, 2), *self._meeting(4, 5)
-        else:
+        elif self.family == Family.PARALLEL:
             flange[GEOMETRY : GEOMETRY + 3] = self._meeting(4, 5)
+        else:
+            return np.ascontiguousarray(np.hstack([chain, self._seeds()]))
         return chain
+
+    def _seeds(self) -> Array:
+        """Random configurations with their flange poses, shape (n + 1, 2 m).
+
+        The first m columns are features of the poses: place [m], then quaternion (x, y, z, w). The
+        others are the joint positions [rad], uniform in `turns`.
+        """
+        m, n, points, X_WF = 4000, self.joints, self.points.copy(), self.X_WF.copy()
+        Q = np.random.default_rng(0).uniform(*self.turns, (m, n))
+        R, p = Rotation.identity(m), np.zeros((m, 3))
+        for angle, axis, point in zip(Q.T, self.axes, points, strict=True):
+            turn = Rotation.from_rotvec(angle[:, None] * axis)
+            p, R = p + R.apply(point - turn.apply(point)), R * turn
+        features = np.hstack(
+            [
+                p + R.apply(X_WF[:3, 3]),
+                (R * Rotation.from_matrix(X_WF[:3, :3])).as_quat(),
+            ]
+        )
+        seeds = np.zeros((n + 1, 2 * m))
+        seeds[:7, :m], seeds[:n, m:] = features.T, Q.T
+        return seeds
 
     def _meeting(self, *joints: int) -> Array:
         """The point where axes meet [m].
@@ -195,6 +227,12 @@ class Arm(Frozen):
                 f"{1e3 * apart:.3g} mm; give another family than {self.family.name}"
             )
         return meeting
+
+    @property
+    def turns(self) -> tuple[Array, Array]:
+        """The limits, less what is beyond half a turn from their middle, each shape (n,) [rad]."""
+        middle = 0.5 * (self.lower + self.upper)
+        return np.maximum(self.lower, middle - np.pi), np.minimum(self.upper, middle + np.pi)
 
     @property
     def joints(self) -> int:
@@ -253,6 +291,11 @@ class Arm(Frozen):
     def link_steps(self) -> tuple[float, ...]:
         """Heights at q = 0 from each link, the base included, to the next, the flange last [m]."""
         return tuple(self.chain[:, OFFSET + 2].tolist())
+
+    @property
+    def reach(self) -> float:
+        """From joint 2 to the flange, along the longest edges of the ways between links [m]."""
+        return float(np.abs(self.chain[2:, OFFSET:LOWER]).max(axis=1).sum())
 
     @property
     def lengths(self) -> tuple[float, float, float, float]:

@@ -26,12 +26,11 @@ def chosen_home(arm: Arm) -> Array:
 
     Where the wrist cannot be so near the first axis, the hand is farther out.
     """
-    reach = float(np.abs(np.diff([*arm.points[1:], arm.X_WF[:3, 3]], axis=0)).max(axis=1).sum())
     X_FG, n = ParallelGripper().X_FG, arm.joints
-    lower, upper = np.maximum(arm.lower, -np.pi) + 0.2, np.minimum(arm.upper, np.pi) - 0.2
+    lower, upper = arm.turns[0] + 0.2, arm.turns[1] - 0.2
     middle, starts = 0.5 * (lower + upper), np.random.default_rng(0).uniform(size=(40, n))
     for out in (0.0, 0.08, 0.16):
-        place = (_HOME + [out, 0.0, 0.5 * out]) * min(1.0, reach / _REACH)
+        place = (_HOME + [out, 0.0, 0.5 * out]) * min(1.0, arm.reach / _REACH)
 
         def error(q: Array, place: Array = place) -> Array:
             X_WG = forward_kinematics(q, X_FG, arm)

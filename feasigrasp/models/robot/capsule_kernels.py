@@ -16,8 +16,8 @@ import numpy as np
 
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_sincos
-from feasigrasp.models.numerics.vectors import cross, dot, minus, step, turn
-from feasigrasp.models.robot.arm import AXIS, OFFSET, SIGN
+from feasigrasp.models.numerics.vectors import cross, dot, minus, step, turn, turn_frame
+from feasigrasp.models.robot.arm import AXIS, DIRECTION, OFFSET, SIGN
 
 
 @compiled(forceinline=True)
@@ -35,8 +35,11 @@ def walk_links(chain, q, write, target):
             x, y = turn(x, y, s, c)
         elif chain[j, AXIS] == 1.0:
             z, x = turn(z, x, s, c)
-        else:
+        elif chain[j, AXIS] == 0.0:
             y, z = turn(y, z, s, c)
+        else:
+            k = chain[j, DIRECTION], chain[j, DIRECTION + 1], chain[j, DIRECTION + 2]
+            x, y, z = turn_frame(x, y, z, k, s, c)
         write(target, j + 1, x, y, z, origin)
 
 
@@ -98,7 +101,11 @@ def add_lever(chain, point, normal, low, high, R, p, gradient):
     for j in range(low, high):
         # The joint's axis is a column of its link's rotation, which the joint leaves as it is.
         k, sign = int(chain[j, AXIS]), chain[j, SIGN]
-        axis = sign * R[j + 1, 0, k], sign * R[j + 1, 1, k], sign * R[j + 1, 2, k]
+        if k < 3:
+            axis = sign * R[j + 1, 0, k], sign * R[j + 1, 1, k], sign * R[j + 1, 2, k]
+        else:
+            h = chain[j, DIRECTION], chain[j, DIRECTION + 1], chain[j, DIRECTION + 2]
+            axis = minus(place(R, p, j + 1, h), (p[j + 1, 0], p[j + 1, 1], p[j + 1, 2]))
         lever = point[0] - p[j + 1, 0], point[1] - p[j + 1, 1], point[2] - p[j + 1, 2]
         gradient[j] = dot(normal, cross(axis, lever))
 

@@ -15,10 +15,11 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_sincos
-from feasigrasp.models.numerics.vectors import cross, step, turn
+from feasigrasp.models.numerics.vectors import cross, step, turn, turn_frame
 from feasigrasp.models.quantities import JOINTS, POSE
 from feasigrasp.models.robot.arm import (
     AXIS,
+    DIRECTION,
     LOWER,
     OFFSET,
     ROTATION,
@@ -76,9 +77,13 @@ def pose_jacobian_kernel(chain, q, X_FT, X_WT, J_WT):
         elif chain[j, AXIS] == 1.0:
             axis = y
             z, x = turn(z, x, s, c)
-        else:
+        elif chain[j, AXIS] == 0.0:
             axis = x
             y, z = turn(y, z, s, c)
+        else:
+            h = chain[j, DIRECTION], chain[j, DIRECTION + 1], chain[j, DIRECTION + 2]
+            axis = step(step(step((0.0, 0.0, 0.0), h[0], x), h[1], y), h[2], z)
+            x, y, z = turn_frame(x, y, z, h, s, c)
         if J_WT is not None:
             J_WT[0, j], J_WT[1, j], J_WT[2, j] = sign * axis[0], sign * axis[1], sign * axis[2]
             J_WT[3, j], J_WT[4, j], J_WT[5, j] = origin

@@ -117,7 +117,7 @@ def describe_urdf(file: Path, flange: str) -> dict[str, Any]:
     Gains, rotor inertias, home and pairs are left to `feasigrasp.commands.arm`.
 
     Raises:
-        ArgumentError: There is no such flange, or the arm is of no `Family`.
+        ArgumentError: There is no such flange, or a joint does not turn.
     """
     robot = ET.parse(file).getroot()
     links = {link.get("name", ""): link for link in robot.findall("link")}
@@ -176,19 +176,16 @@ def _joint(joint: ET.Element, X_WL: Array) -> dict[str, Any]:
     if joint.get("type") not in ("revolute", "continuous"):
         raise ArgumentError(f"{name} is {joint.get('type')}; joints of an arm turn")
     own = [1.0, 0.0, 0.0] if axis is None else [float(v) for v in axis.attrib["xyz"].split()]
-    direction = X_WL[:3, :3] @ np.array(own)
-    if np.abs(direction - np.round(direction)).max() > _ALONG:
-        raise ArgumentError(
-            f"the axis of {name} is along {direction.round(4).tolist()} of the base at q = 0; arms "
-            "with axes along x, y and z are supported"
-        )
+    direction = X_WL[:3, :3] @ np.array(own) / np.linalg.norm(own)
+    if np.abs(direction - np.round(direction)).max() < _ALONG:
+        direction = np.round(direction)
     limit = joint.find("limit")
     values = {} if limit is None else limit.attrib
     turn = 2.0 * np.pi if joint.get("type") == "continuous" else 0.0
     velocity = float(values.get("velocity", np.pi))
     return {
         "point": [_plain(v) for v in X_WL[:3, 3]],
-        "axis": [int(v) for v in np.round(direction)],
+        "axis": [float(v) + 0.0 for v in direction],
         "lower": float(values.get("lower", -turn)),
         "upper": float(values.get("upper", turn)),
         "velocity": velocity,
@@ -202,27 +199,22 @@ def _plain(value: float, digits: int = 6) -> float:
 
 
 def _family(joints: list[dict[str, Any]]) -> str:
-    """The build of an arm, by the residuals of its axes.
-
-    Raises:
-        ArgumentError: It is none that is known.
-    """
+    """The build of an arm, by the residuals of its axes."""
     h = np.array([joint["axis"] for joint in joints], dtype=float)
     p = np.array([joint["point"] for joint in joints])
 
     def meet(*which: int) -> bool:
         return meeting_point(h[[*which]], p[[*which]])[1] < MEETING_TOLERANCE
 
-    wrist = len(joints) > 5 and np.cross(h[4], h[5]).any() and meet(4, 5)
+    def parallel(*which: int) -> bool:
+        return bool(np.abs(np.cross(h[[*which]], h[which[0]])).max() < MEETING_TOLERANCE)
+
+    wrist = len(joints) > 5 and not parallel(4, 5) and meet(4, 5)
     if len(joints) == 7 and wrist and meet(0, 1, 2):
         return "shoulder_wrist"
-    if len(joints) == 6 and wrist and not np.cross(h[1], h[2:4]).any():
+    if len(joints) == 6 and wrist and parallel(1, 2, 3):
         return "parallel"
-    raise ArgumentError(
-        f"an arm of {len(joints)} joints with axes {h.astype(int).tolist()} is of no build that is "
-        "supported: seven joints whose axes 1 to 3 meet, and 5 and 6; or six whose axes 2 to 4 are "
-        "parallel, and whose axes 5 and 6 meet"
-    )
+    return "seeded"
 
 
 def _link(body: _Body, origin: Array, moves: bool) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.one_thread import one_thread
 from feasigrasp.runs.console import StatusLine
@@ -37,17 +38,20 @@ class ReceivedCommands:
         late: How many came when the period that they were for was over.
     """
 
-    def __init__(self, lcm: DrakeLcm, now: Callable[[], float]) -> None:
+    def __init__(
+        self, lcm: DrakeLcm, now: Callable[[], float], joints: int = IIWA_7.joints
+    ) -> None:
         """Listens on a bus.
 
         Args:
             lcm: The bus.
             now: Clock of the simulated time [s].
+            joints: How many the arm has.
         """
         self.requests: list[float] = []
         self.unusable = self.late = 0
         self.moved = 0.0
-        self._now = now
+        self._now, self._joints = now, joints
         self._utime: list[int] = []
         self._q: list[Array] = []
         self._subscriptions = [
@@ -61,7 +65,7 @@ class ReceivedCommands:
     def _command(self, data: bytes) -> None:
         command = lcmt_iiwa_command.decode(data)
         q = np.array(command.joint_position)
-        if q.shape != (IIWA_7.joints,) or not np.isfinite(q).all():
+        if q.shape != (self._joints,) or not np.isfinite(q).all():
             self.unusable += 1
             return
         if self._q and np.any(q != self._q[-1]):
@@ -81,7 +85,7 @@ class ReceivedCommands:
     @property
     def positions(self) -> Array:
         """The commanded positions, in order, shape (m, 7) [rad]."""
-        return np.array(self._q).reshape(-1, IIWA_7.joints)
+        return np.array(self._q).reshape(-1, self._joints)
 
     @property
     def missing(self) -> int:
@@ -127,7 +131,9 @@ def simulate_cell(
     with one_thread(), postponed_interrupt() as interrupted:
         built = time.perf_counter()
         lcm = channels.open_lcm(lcm_url)
-        received = ReceivedCommands(lcm, lambda: simulator.get_context().get_time())
+        received = ReceivedCommands(
+            lcm, lambda: simulator.get_context().get_time(), load_arm(scenario.arm).joints
+        )
         # The simulation may be slow, but a driver receives its commands.
         with real_time(Priority.DRIVER, main=False):
             diagram = make_simulated_cell(scenario, lcm)
@@ -168,13 +174,14 @@ def _judged(
     held = diagram.GetSubsystemByName("log(driver)").FindLog(context).data().T
     velocity = np.diff(held, axis=0) / channels.IIWA_PERIOD
     accelerations = np.diff(velocity, axis=0, prepend=0.0) / channels.IIWA_PERIOD
-    accelerations /= IIWA_7.acceleration_limits
-    speeds = (velocity / IIWA_7.velocity_limits, v / IIWA_7.velocity_limits)
+    arm = load_arm(scenario.arm)
+    accelerations /= arm.acceleration_limits
+    speeds = (velocity / arm.velocity_limits, v / arm.velocity_limits)
     metrics["velocity_limit_violation_percent"] = max(map(_share_beyond, speeds))
     metrics["acceleration_limit_violation_percent"] = _share_beyond(accelerations)
     metrics["acceleration_peak_percent"] = 100.0 * float(np.abs(accelerations).max(initial=0.0))
     sent = received.positions
-    beyond = (sent < IIWA_7.driver.lower) | (sent > IIWA_7.driver.upper)
+    beyond = (sent < arm.driver.lower) | (sent > arm.driver.upper)
     driver = diagram.GetSubsystemByName("driver")
     stopped = driver.GetOutputPort("stopped").Eval(driver.GetMyContextFromRoot(context))
     gaps = 1e3 * received.gaps()

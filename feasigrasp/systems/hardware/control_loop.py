@@ -51,15 +51,18 @@ class Intake:
             relative to it.
     """
 
-    def __init__(self, lcm: DrakeLcm, kinds: Mapping[str, type], inbox: DrakeLcm) -> None:
+    def __init__(
+        self, lcm: DrakeLcm, kinds: Mapping[str, type], inbox: DrakeLcm, joints: int = 7
+    ) -> None:
         """Listens on a bus.
 
         Args:
             lcm: Where the messages come from.
             kinds: The type of message of every channel.
             inbox: Where they are handed on to; a bus inside this process.
+            joints: How many the arm has.
         """
-        self._lcm, self._inbox = lcm, inbox
+        self._lcm, self._inbox, self._joints = lcm, inbox, joints
         self.zero = 0
         self._stamp_at = {
             channel: _FINGERPRINT + (_NUMBER if kind is lcmt_image_array else 0)
@@ -106,7 +109,7 @@ class Intake:
         self._inbox.HandleSubscriptions(0)
 
     def _take(self, channel: str, kind: type, data: bytes) -> None:
-        message: Any = decode(kind, data)
+        message: Any = decode(kind, data, self._joints)
         stamped = message.header if isinstance(message, lcmt_image_array) else message
         # The arm's driver sends -1 until its clock and the robot's are synchronized.
         if message is None or stamped.utime < 0 or not self._in_step(channel, stamped.utime):
@@ -184,7 +187,7 @@ class ControlLoop:
         for stage in self._remote:
             stage.worker.wait_until_ready()
         # Now: what comes while no one listens is old when it is received.
-        self.intake = Intake(lcm, channels.inbound(scenario), inbox)
+        self.intake = Intake(lcm, channels.inbound(scenario), inbox, self._station.arm.joints)
         self.started = False
         self.image_to_grasps: list[float] = []
         self._first: int | None = None

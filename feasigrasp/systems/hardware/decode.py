@@ -31,8 +31,8 @@ _TYPES = {
 }
 
 
-def decode(kind: type, data: bytes) -> Any | None:
-    """The message of a type that bytes contain.
+def decode(kind: type, data: bytes, joints: int = IIWA_7.joints) -> Any | None:
+    """The message of a type that bytes contain, of an arm of so many joints.
 
     Returns:
         None where they are of another type, are cut off or have bytes to spare, or where a value is
@@ -45,17 +45,17 @@ def decode(kind: type, data: bytes) -> Any | None:
         message = kind.decode(rest)  # type: ignore[attr-defined]
     except (ValueError, struct.error, OverflowError, MemoryError):
         return None
-    return message if not rest.read(1) and _is_possible(message) else None
+    return message if not rest.read(1) and _is_possible(message, joints) else None
 
 
-def _is_possible(message: Any) -> bool:
+def _is_possible(message: Any, joints: int) -> bool:
     if isinstance(message, lcmt_iiwa_status):
         used = (
             message.joint_position_measured,
             message.joint_velocity_estimated,
             message.joint_torque_external,
         )
-        return message.num_joints == IIWA_7.joints and bool(np.isfinite(used).all())
+        return message.num_joints == joints and bool(np.isfinite(used).all())
     if isinstance(message, lcmt_schunk_wsg_status):
         values = message.actual_position_mm, message.actual_speed_mm_per_s, message.actual_force
         return bool((np.abs(values) <= 1e3 * FARTHEST).all())

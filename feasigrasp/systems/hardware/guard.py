@@ -17,7 +17,6 @@ from pydrake.lcm import DrakeLcm
 from feasigrasp.errors import HardwareError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.command_guard import CommandGuard
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.decode import decode
 from feasigrasp.systems.hardware.guarded_cell import GuardedCell
@@ -167,7 +166,7 @@ class Guard:
         self.dropped[channels.IIWA_REQUEST] += not self._guard.request(1e-6 * request.utime, q)
 
     def _answer(self, data: bytes) -> None:
-        status = decode(lcmt_iiwa_status, data)
+        status = decode(lcmt_iiwa_status, data, self._guard.joints)
         if status is None or status.utime < 0:
             self.dropped[channels.IIWA_STATUS] += 1
             return
@@ -191,7 +190,7 @@ class Guard:
 
     def _send(self, q: Array) -> None:
         command = lcmt_iiwa_command()
-        command.utime, command.num_joints = self._utime, IIWA_7.joints
+        command.utime, command.num_joints = self._utime, len(q)
         command.joint_position = q.tolist()
         encoded = command.encode()
         if self._sent and next(reversed(self._sent.values())) < 2:
@@ -234,7 +233,7 @@ class Standby(Guard):
 
     def _receive(self, data: bytes) -> None:
         command = decode(lcmt_iiwa_command, data)
-        if data not in self._sent and command and command.num_joints == IIWA_7.joints:
+        if data not in self._sent and command and command.num_joints == self._guard.joints:
             q, self._ready = np.array(command.joint_position), None
             self._guard.follow(q, q if self._last is None else self._last)
             self._last = q
@@ -314,4 +313,4 @@ def _end_at_signals(guard: Guard, *, alone: bool) -> None:
 def _warm_up(guard: CommandGuard) -> None:
     """Lets all be compiled that a guard calls."""
     for time_ in np.arange(0.0, 2.0 * CommandGuard.START_AFTER, channels.IIWA_PERIOD):
-        guard.command(time_, np.zeros(IIWA_7.joints))
+        guard.command(time_, np.zeros(guard.joints))

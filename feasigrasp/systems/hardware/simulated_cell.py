@@ -43,9 +43,9 @@ from feasigrasp.models.grasps.sequence import (
     has_closed,
     pressing_since,
 )
+from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import Gripper, load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.scenario.checks import check_driver
 from feasigrasp.scenario.sampling import make_hand_eye
 from feasigrasp.scenario.schema import Scenario, Segmentation
 from feasigrasp.systems.from_scenario import make_station
@@ -73,18 +73,19 @@ class SimulatedIiwaDriver(LeafSystem):
         - position
         - stopped
 
-    ``position`` is V7 [rad], clamped to the driver's limits and kept for ever; ``torque_external``
-    is V7 [Nm]. Where that exceeds a joint's threshold the driver stops: from then on the arm stays
-    where it is commanded to be. ``stopped`` is V1: the joint that stopped it, counted from 1; 0
-    while it works.
+    ``position`` is V7 [rad], for each joint of the arm, clamped to the driver's limits and kept for
+    ever; ``torque_external`` is V7 [Nm]. Where that exceeds a joint's threshold the driver stops:
+    from then on the arm stays where it is commanded to be. ``stopped`` is V1: the joint that
+    stopped it, counted from 1; 0 while it works.
     """
 
-    def __init__(self) -> None:
-        """A driver with the period of the real one."""
+    def __init__(self, arm: Arm = IIWA_7) -> None:
+        """A driver with the period of the iiwa's."""
         super().__init__()
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
-        self._torque = self.DeclareVectorInputPort("torque_external", IIWA_7.joints)
-        kept = self.DeclareDiscreteState(IIWA_7.joints)
+        self._arm = arm
+        self._position = self.DeclareVectorInputPort("position", arm.joints)
+        self._torque = self.DeclareVectorInputPort("torque_external", arm.joints)
+        kept = self.DeclareDiscreteState(arm.joints)
         stopped = self.DeclareDiscreteState(1)
         self.DeclareStateOutputPort("position", kept)
         self.DeclareStateOutputPort("stopped", stopped)
@@ -93,9 +94,9 @@ class SimulatedIiwaDriver(LeafSystem):
 
     def _update(self, context: Context, state) -> EventStatus:
         stopped = context.get_discrete_state(1).value()[0]
-        beyond = np.abs(self._torque.Eval(context)) > IIWA_7.driver.external_torque
+        beyond = np.abs(self._torque.Eval(context)) > self._arm.driver.external_torque
         if stopped == 0.0 and not beyond.any():
-            driver = IIWA_7.driver
+            driver = self._arm.driver
             command = np.clip(self._position.Eval(context), driver.lower, driver.upper)
             state.get_mutable_vector(0).SetFromVector(command)
         elif stopped == 0.0:
@@ -199,7 +200,6 @@ def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
     grasps in the samples. A camera that has a hand-eye error stands off the place at which the
     scenario, and so the controller, has it.
     """
-    check_driver(scenario)
     scenario = _with_true_mounts(scenario)
     builder = DiagramBuilder()
     station = builder.AddNamedSystem("station", make_station(scenario))
@@ -213,7 +213,7 @@ def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
     mask = scenario.perception.segmentation == Segmentation.LABELS
     for name, camera in scenario.cameras.items():
         publish_images(builder, station, name, camera, lcm, mask=mask)
-    cell = Cell(builder, scenario, load_gripper(scenario.gripper), IIWA_7, station)
+    cell = Cell(builder, scenario, load_gripper(scenario.gripper), station.arm, station)
     add_judges(cell)
     cell.connect()
     diagram = builder.Build()
@@ -267,7 +267,7 @@ def _publish(
 
 
 def _add_arm(builder: DiagramBuilder, station: Station, lcm: DrakeLcm) -> None:
-    n = IIWA_7.joints
+    n = station.arm.joints
     command = LcmSubscriberSystem.Make(
         channels.IIWA_COMMAND, lcmt_iiwa_command, lcm, use_cpp_serializer=True
     )
@@ -275,26 +275,26 @@ def _add_arm(builder: DiagramBuilder, station: Station, lcm: DrakeLcm) -> None:
     receiver = IiwaCommandReceiver(n, IiwaControlMode.kPositionOnly)
     builder.AddNamedSystem("iiwa_command", receiver)
     builder.Connect(command.get_output_port(), receiver.GetInputPort("lcmt_iiwa_command"))
-    measured = station.GetOutputPort("iiwa.position_measured")
+    measured = station.GetOutputPort("arm.position_measured")
     builder.Connect(measured, receiver.GetInputPort("position_measured"))
-    driver = builder.AddNamedSystem("driver", SimulatedIiwaDriver())
+    driver = builder.AddNamedSystem("driver", SimulatedIiwaDriver(station.arm))
     held = LogVectorOutput(driver.GetOutputPort("position"), builder, channels.IIWA_PERIOD)
     held.set_name("log(driver)")
     builder.Connect(receiver.GetOutputPort("position"), driver.GetInputPort("position"))
-    torque = station.GetOutputPort("iiwa.torque_external")
+    torque = station.GetOutputPort("arm.torque_external")
     builder.Connect(torque, driver.GetInputPort("torque_external"))
     # The arm's own controller takes its feed-forward from the positions, as Drake's SimIiwaDriver.
     interpolator = StateInterpolatorWithDiscreteDerivative(n, channels.IIWA_PERIOD)
     builder.AddNamedSystem("interpolator", interpolator)
     builder.Connect(driver.GetOutputPort("position"), interpolator.get_input_port())
-    builder.Connect(interpolator.get_output_port(), station.GetInputPort("iiwa.desired_state"))
+    builder.Connect(interpolator.get_output_port(), station.GetInputPort("arm.desired_state"))
 
     status = builder.AddNamedSystem("iiwa_status", IiwaStatusSender(n))
-    drive_torque = station.GetOutputPort("iiwa.torque_measured")
+    drive_torque = station.GetOutputPort("arm.torque_measured")
     for name, port in (
         ("position_commanded", driver.GetOutputPort("position")),
         ("position_measured", measured),
-        ("velocity_estimated", station.GetOutputPort("iiwa.velocity_estimated")),
+        ("velocity_estimated", station.GetOutputPort("arm.velocity_estimated")),
         ("torque_commanded", drive_torque),
         ("torque_measured", drive_torque),
         ("torque_external", torque),

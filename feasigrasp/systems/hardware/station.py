@@ -21,7 +21,6 @@ from pydrake.manipulation import (
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.perception import DepthImageToPointCloud
 from pydrake.systems.framework import (
-    Diagram,
     DiagramBuilder,
     OutputPort,
     TriggerType,
@@ -32,32 +31,31 @@ from pydrake.systems.sensors import CameraConfig, PixelType
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.robot.gripper import Gripper, ParallelGripper, load_gripper
-from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.scenario.checks import check_driver
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import station_config
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.images import RgbdReceiver
 from feasigrasp.systems.hardware.object_pose import ObjectPoseReceiver
+from feasigrasp.systems.station.arm_ports import ArmPorts
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_models import add_cell
 from feasigrasp.systems.station.exposures import CameraPose
 from feasigrasp.systems.station.pose_at import PositionAt
 
 
-class HardwareStation(Diagram):
+class HardwareStation(ArmPorts):
     """The ports of `feasigrasp.systems.station.station.Station` that a real cell has.
 
     .. pydrake_system::
 
         name: HardwareStation
         input_ports:
-        - iiwa.desired_state
+        - arm.desired_state
         - gripper.position
         output_ports:
-        - iiwa.position_measured
-        - iiwa.velocity_estimated
-        - iiwa.torque_external
+        - arm.position_measured
+        - arm.velocity_estimated
+        - arm.torque_external
         - gripper.state_measured
         - object.pose
         - object.stamp
@@ -70,16 +68,17 @@ class HardwareStation(Diagram):
         - <camera>.gripper_state
         - <camera>.stamp
 
-    Of ``iiwa.desired_state`` (V14) the positions are sent, and nothing else: to the guard, which
-    commands the arm. ``iiwa.velocity_estimated`` V7 [rad/s] and ``iiwa.torque_external`` V7 [Nm]
+    Of ``arm.desired_state`` (V14) the positions are sent, and nothing else: to the guard, which
+    commands the arm. ``arm.velocity_estimated`` V7 [rad/s] and ``arm.torque_external`` V7 [Nm]
     are as the driver estimates them.
     ``object.pose`` is a measurement, made at ``object.stamp``. ``<camera>.pose`` X_WC follows from
     the measured joints at the instant of the image, ``<camera>.position`` (V7), as
     ``<camera>.gripper_state`` (V2) is the gripper's; that instant is ``<camera>.stamp``.
-    ``<camera>.pose_now`` is where the camera is by ``iiwa.position_measured``. Stamps are V1 [s],
+    ``<camera>.pose_now`` is where the camera is by ``arm.position_measured``. Stamps are V1 [s],
     of the clock of the arm's status messages, which the diagram's time has to follow.
 
     Attributes:
+        arm: The arm.
         plant: The cell without the object: the frames that cameras are mounted on.
         request: The publisher of what is asked of the guard; it publishes on request.
     """
@@ -96,14 +95,14 @@ class HardwareStation(Diagram):
             outbox: Where they go to.
 
         Raises:
-            ScenarioError: A camera is mounted neither on the arm nor in the world, or the arm is
-                no iiwa.
+            ScenarioError: A camera is mounted neither on the arm nor in the world.
         """
         super().__init__()
-        check_driver(scenario)
         builder = DiagramBuilder()
         self.plant = MultibodyPlant(scenario.plant_config.time_step)
-        add_cell(self.plant, station_config(scenario))
+        config = station_config(scenario)
+        self.arm = config.arm
+        add_cell(self.plant, config)
         self.plant.Finalize()
         self._inbox, self._outbox = inbox, outbox
         fingers = self._add_gripper(builder, load_gripper(scenario.gripper))
@@ -121,7 +120,7 @@ class HardwareStation(Diagram):
                 builder.ExportOutput(then.get_output_port(), f"{name}.{port}")
             self._add_camera(builder, name, camera, images)
             now = builder.AddNamedSystem(
-                f"{name}_pose_now", CameraPose(self.plant, name, camera, IIWA_7)
+                f"{name}_pose_now", CameraPose(self.plant, name, camera, self.arm)
             )
             builder.Connect(position, now.get_input_port())
             builder.ExportOutput(now.get_output_port(), f"{name}.pose_now")
@@ -140,17 +139,17 @@ class HardwareStation(Diagram):
 
     def _add_arm(self, builder: DiagramBuilder) -> tuple[OutputPort, OutputPort]:
         """Exports the arm's ports; returns the measured positions, and when they were measured."""
-        status = builder.AddNamedSystem("iiwa_status", IiwaStatusReceiver())
+        status = builder.AddNamedSystem("iiwa_status", IiwaStatusReceiver(self.arm.joints))
         messages = self._messages(builder, channels.IIWA_STATUS, lcmt_iiwa_status, native=True)
         builder.Connect(messages, status.get_input_port())
         position = status.GetOutputPort("position_measured")
-        builder.ExportOutput(position, "iiwa.position_measured")
+        builder.ExportOutput(position, "arm.position_measured")
         for port in ("velocity_estimated", "torque_external"):
-            builder.ExportOutput(status.GetOutputPort(port), f"iiwa.{port}")
+            builder.ExportOutput(status.GetOutputPort(port), f"arm.{port}")
 
-        desired = builder.AddNamedSystem("desired_position", Demultiplexer([IIWA_7.joints] * 2))
-        builder.ExportInput(desired.get_input_port(), "iiwa.desired_state")
-        command = IiwaCommandSender(IIWA_7.joints, IiwaControlMode.kPositionOnly)
+        desired = builder.AddNamedSystem("desired_position", Demultiplexer([self.arm.joints] * 2))
+        builder.ExportInput(desired.get_input_port(), "arm.desired_state")
+        command = IiwaCommandSender(self.arm.joints, IiwaControlMode.kPositionOnly)
         builder.AddNamedSystem("iiwa_request", command)
         builder.Connect(desired.get_output_port(0), command.GetInputPort("position"))
         self.request = builder.AddNamedSystem(
@@ -215,7 +214,9 @@ class HardwareStation(Diagram):
     ) -> None:
         """Exports what a camera shows, from its images and the joints at their instant."""
         then = builder.GetSubsystemByName(f"{name}_position")
-        pose = builder.AddNamedSystem(f"{name}_pose", CameraPose(self.plant, name, camera, IIWA_7))
+        pose = builder.AddNamedSystem(
+            f"{name}_pose", CameraPose(self.plant, name, camera, self.arm)
+        )
         builder.Connect(then.get_output_port(), pose.get_input_port())
         cloud = DepthImageToPointCloud(pixel_centred_intrinsics(camera), PixelType.kDepth32F)
         builder.AddNamedSystem(f"{name}_point_cloud", cloud)

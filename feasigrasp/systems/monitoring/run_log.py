@@ -117,11 +117,11 @@ def add_run_log(builder: DiagramBuilder, subsystems: Subsystems, period: float =
     """
     station, tracker, sequencer = subsystems.station, subsystems.tracker, subsystems.sequencer
     log = builder.AddNamedSystem(
-        "run_log", RunLog(station.GetOutputPort("iiwa.position_measured").size())
+        "run_log", RunLog(station.GetOutputPort("arm.position_measured").size())
     )
     inputs = {
-        "position": station.GetOutputPort("iiwa.position_measured"),
-        "velocity": station.GetOutputPort("iiwa.velocity_estimated"),
+        "position": station.GetOutputPort("arm.position_measured"),
+        "velocity": station.GetOutputPort("arm.velocity_estimated"),
         "commanded_velocity": subsystems.controller.GetOutputPort("commanded_velocity"),
         "desired_state": subsystems.drive.GetOutputPort("desired_state"),
         "gripper_state": station.GetOutputPort("gripper.state_measured"),

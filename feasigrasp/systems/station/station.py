@@ -13,7 +13,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import Demultiplexer, MatrixGain
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
@@ -25,6 +25,7 @@ from feasigrasp.models.objects.spring_drive import body_pose_kernel
 from feasigrasp.models.robot.gripper import Gripper, SuctionCup
 from feasigrasp.models.sensors.joint_errors import DrawnJointErrors
 from feasigrasp.systems.ports import declare_output
+from feasigrasp.systems.station.arm_ports import ArmPorts
 from feasigrasp.systems.station.camera import MeasuredArm, SeenObject, export_camera
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
 from feasigrasp.systems.station.exposures import Timing, add_exposures
@@ -76,22 +77,22 @@ class _Scene(NamedTuple):
     measured: dict[str, OutputPort] = {}
 
 
-class Station(Diagram):
+class Station(ArmPorts):
     """A robot cell; the port names follow Drake's hardware stations.
 
     .. pydrake_system::
 
         name: Station
         input_ports:
-        - iiwa.desired_state
+        - arm.desired_state
         - gripper.position
         - object.hold
         output_ports:
-        - iiwa.position_measured
-        - iiwa.velocity_estimated
-        - iiwa.state_estimated
-        - iiwa.torque_measured
-        - iiwa.torque_external
+        - arm.position_measured
+        - arm.velocity_estimated
+        - arm.state_estimated
+        - arm.torque_measured
+        - arm.torque_external
         - gripper.state_measured
         - object.pose
         - object.velocity
@@ -108,11 +109,11 @@ class Station(Diagram):
         - contact_results
         - query_object
 
-    ``iiwa.desired_state`` and ``iiwa.state_estimated`` are V14 (positions [rad], velocities
-    [rad/s]). The latter is true, as ``iiwa.velocity_estimated``, its second half; of
-    ``iiwa.position_measured`` V7, ``iiwa.desired_state`` and the torques see `JointSensors`.
-    ``iiwa.torque_measured`` is V7, what the motors of the weightless arm give [Nm], and
-    ``iiwa.torque_external`` V7, what contact does to the joints, which the real arm estimates [Nm];
+    ``arm.desired_state`` and ``arm.state_estimated`` are V14 (positions [rad], velocities
+    [rad/s]). The latter is true, as ``arm.velocity_estimated``, its second half; of
+    ``arm.position_measured`` V7, ``arm.desired_state`` and the torques see `JointSensors`.
+    ``arm.torque_measured`` is V7, what the motors of the weightless arm give [Nm], and
+    ``arm.torque_external`` V7, what contact does to the joints, which the real arm estimates [Nm];
     ``gripper.position`` is the distance between the pads [m] and
     ``gripper.state_measured`` that distance and its rate (see `SuctionSeal` for a cup);
     ``object.hold`` is 1 while the object is to be carried along its motion and 0 from the command
@@ -208,7 +209,7 @@ class Station(Diagram):
         """Exports the arm; returns the port of its true positions."""
         plant, iiwa = self.plant, self.plant.GetModelInstanceByName(self.arm.name)
         sensors = builder.AddNamedSystem("joint_sensors", JointSensors(errors))
-        builder.ExportInput(sensors.GetInputPort("desired_state"), "iiwa.desired_state")
+        builder.ExportInput(sensors.GetInputPort("desired_state"), "arm.desired_state")
         builder.Connect(
             sensors.GetOutputPort("true_desired_state"), plant.get_desired_state_input_port(iiwa)
         )
@@ -216,13 +217,13 @@ class Station(Diagram):
         position = builder.AddNamedSystem("iiwa_position", Demultiplexer([self.arm.joints] * 2))
         builder.Connect(state, position.get_input_port())
         builder.Connect(position.get_output_port(0), sensors.GetInputPort("position"))
-        builder.ExportOutput(sensors.GetOutputPort("position_measured"), "iiwa.position_measured")
-        builder.ExportOutput(position.get_output_port(1), "iiwa.velocity_estimated")
-        builder.ExportOutput(state, "iiwa.state_estimated")
-        builder.ExportOutput(plant.get_net_actuation_output_port(iiwa), "iiwa.torque_measured")
+        builder.ExportOutput(sensors.GetOutputPort("position_measured"), "arm.position_measured")
+        builder.ExportOutput(position.get_output_port(1), "arm.velocity_estimated")
+        builder.ExportOutput(state, "arm.state_estimated")
+        builder.ExportOutput(plant.get_net_actuation_output_port(iiwa), "arm.torque_measured")
         contact = plant.get_generalized_contact_forces_output_port(iiwa)
         builder.Connect(contact, sensors.GetInputPort("torque_external"))
-        builder.ExportOutput(sensors.GetOutputPort("torque_estimated"), "iiwa.torque_external")
+        builder.ExportOutput(sensors.GetOutputPort("torque_estimated"), "arm.torque_external")
         return position.get_output_port(0)
 
     def _export_gripper(self, builder: DiagramBuilder, hand: Gripper, obj: RigidObject) -> None:

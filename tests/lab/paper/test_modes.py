@@ -45,7 +45,7 @@ class Run:
 
     @property
     def q(self):
-        return self("station", "iiwa.position_measured").copy()
+        return self("station", "arm.position_measured").copy()
 
     @property
     def X_WO(self):

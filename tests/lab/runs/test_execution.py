@@ -81,7 +81,7 @@ def test_the_arm_is_at_a_grasp_at_once():
     assert at.min() < 1e-6
     # The encoders say so, rounded; the joints are off by their zeros.
     measured, true = (
-        output("station", f"iiwa.{name}")[:7] for name in ("position_measured", "state_estimated")
+        output("station", f"arm.{name}")[:7] for name in ("position_measured", "state_estimated")
     )
     joints = scenario.sensors.joints
     np.testing.assert_allclose(measured, q, atol=np.deg2rad(0.5 * joints.encoder_step_deg) + 1e-9)

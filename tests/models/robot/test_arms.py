@@ -10,9 +10,11 @@ from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyO
 from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.continuation import branch_kernel, redundancy_kernel, solve_kernel
+from feasigrasp.models.ik.seeded import seed_of_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import Family
 from feasigrasp.models.robot.arm_file import arm_names, load_arm
+from feasigrasp.models.robot.capsule_kernels import add_lever, link_poses_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import (
     arm_condition_kernel,
@@ -26,15 +28,42 @@ OTHERS = [name for name in ARMS if load_arm(name).family != Family.SRS]
 X_FT = se3.make_pose(se3.so3_exp(np.array([0.3, -0.5, 0.9])), np.array([0.02, -0.03, 0.15]))
 
 
+def seeded(arm):
+    """The same arm, as if it had no closed form."""
+    return replace(arm, family=Family.SEEDED)
+
+
+def tilted():
+    """An arm of six joints that no closed form fits: axes that meet nowhere, two of them tilted."""
+    axes = [[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0.8, 0.6], [0.6, 0, 0.8]]
+    points = [
+        [0, 0, 0.3],
+        [0, 0.03, 0.3],
+        [0, 0, 0.7],
+        [0, 0.01, 0.9],
+        [0, 0, 1.05],
+        [0, 0.01, 1.1],
+    ]
+    return replace(
+        load_arm("ur5e"), axes=np.array(axes, float), points=np.array(points, float),
+        X_WF=X_FT + np.diag([0, 0, 0, 0]) + np.outer([0, 0, 1.1, 0], [0, 0, 0, 1]),
+        family=Family.SEEDED,
+    )  # fmt: skip
+
+
+def any_arm(name):
+    return tilted() if name == "tilted" else load_arm(name)
+
+
 def configurations(arm, n, seed=0):
     """Inside the limits, and inside one turn."""
     low, high = np.maximum(arm.lower, -np.pi) + 0.05, np.minimum(arm.upper, np.pi) - 0.05
     return np.random.default_rng(seed).uniform(low, high, (n, arm.joints))
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", [*ARMS, "tilted"])
 def test_forward_kinematics_are_a_product_of_turns(name):
-    arm = load_arm(name)
+    arm = any_arm(name)
     for q in configurations(arm, 20):
         X = np.eye(4)
         for angle, axis, point in zip(q, arm.axes, arm.points, strict=True):
@@ -44,9 +73,9 @@ def test_forward_kinematics_are_a_product_of_turns(name):
         np.testing.assert_allclose(forward_kinematics(q, X_FT, arm), X_WT, atol=1e-13)
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", [*ARMS, "tilted"])
 def test_jacobian_is_the_derivative(name):
-    arm, step = load_arm(name), 1e-6
+    arm, step = any_arm(name), 1e-6
     for q in configurations(arm, 5):
         X, J = pose_and_jacobian(q, X_FT, arm)
         for j in range(arm.joints):
@@ -99,6 +128,55 @@ def test_poses_that_are_reached_are_found_in_reach(name):
     assert some.mean() > 0.99
     X_found = forward_kinematics(q[some], reach.gripper.X_FG, arm)
     np.testing.assert_allclose(X_found, X_WG[:50][some], atol=1e-7)
+
+
+@pytest.mark.parametrize("name", [*ARMS, "tilted"])
+def test_least_squares_find_what_is_reached(name):
+    arm = replace(seeded(any_arm(name)), pairs=())
+    reach = Reachability(arm=arm, limit_margin=0.0, table_clearance=-5.0)
+    X_WG = forward_kinematics(configurations(arm, 600, seed=2), reach.gripper.X_FG, arm)
+    assert np.mean(reach.reachable(X_WG)) > 0.985
+    far = X_WG.copy()
+    far[:, :3, 3] += [0.0, 0.0, 3.0]
+    assert not reach.reachable(far).any()
+    q, times = reach.nearest(X_WG[:60], arm.home)
+    some = np.isfinite(times)
+    assert some.mean() > 0.95
+    X_found = forward_kinematics(q[some], reach.gripper.X_FG, arm)
+    np.testing.assert_allclose(X_found, X_WG[:60][some], atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["panda", "tilted"])
+def test_a_seed_gives_a_configuration_back_and_is_kept_along_a_path(name):
+    arm, back, kept = seeded(any_arm(name)), [], []
+    for q in configurations(arm, 100, seed=4):
+        branch, r = seed_of_kernel(arm.chain, q), redundancy_kernel(arm.chain, q)
+        X_WF, found = forward_kinematics(q, None, arm), np.full(arm.joints, 0.3)
+        solved = solve_kernel(arm.chain, X_WF, branch, r, found)
+        back.append(solved and np.abs(np.sin(0.5 * (found - q))).max() < 1e-3)
+        moved, there = X_WF.copy(), q.copy()
+        moved[:3, 3] += 0.002
+        if solve_kernel(arm.chain, moved, branch, r, there):
+            kept.append(np.abs(there - q).max() < 0.3)
+            np.testing.assert_allclose(forward_kinematics(there, None, arm), moved, atol=1e-7)
+    assert np.mean(back) > 0.85
+    assert len(kept) > 70 and np.mean(kept) > 0.9
+
+
+def test_levers_of_tilted_joints_are_differences_of_places():
+    arm, step, point = tilted(), 1e-6, np.array([0.1, -0.2, 0.15])
+    R, p, gradient = np.empty((7, 3, 3)), np.empty((7, 3)), np.zeros(6)
+    for q in configurations(arm, 5):
+        for direction in np.eye(3):
+            link_poses_kernel(arm.chain, q, R, p)
+            add_lever(arm.chain, R[6] @ point + p[6], direction, 0, 6, R, p, gradient)
+            for j in range(6):
+                places = []
+                for sign in (1, -1):
+                    link_poses_kernel(arm.chain, q + sign * step * np.eye(6)[j], R, p)
+                    places.append(R[6] @ point + p[6])
+                change = direction @ (places[0] - places[1]) / (2 * step)
+                assert gradient[j] == pytest.approx(change, abs=1e-8)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -214,7 +292,7 @@ def test_what_is_no_arm_is_refused(tmp_path):
     with pytest.raises(ScenarioError, match="there is no joints"):
         load_arm(str(file))
     arm = load_arm("panda")
-    with pytest.raises(ArgumentError, match="axes along x, y or z"):
+    with pytest.raises(ArgumentError, match="give unit vectors"):
         replace(arm, axes=arm.axes * 0.9)
     with pytest.raises(ArgumentError, match="miss each other by 6.67 mm"):
         replace(arm, points=arm.points + [[0, 0, 0], [0.01, 0, 0], *[[0, 0, 0]] * 5])

@@ -71,10 +71,10 @@ def test_a_torque_at_its_limit_counts_since_the_simulation_cuts_it_off(scenario,
     station = make_station(scenario)
     context = station.CreateDefaultContext()
     q = scenario.start
-    torques = station.GetOutputPort("iiwa.torque_measured")
+    torques = station.GetOutputPort("arm.torque_measured")
     station.GetInputPort("gripper.position").FixValue(context, [0.085])
     station.GetInputPort("object.hold").FixValue(context, [1.0])
-    desired = station.GetInputPort("iiwa.desired_state")
+    desired = station.GetInputPort("arm.desired_state")
     for ahead, percent in ((0.0, 0.0), (1.0, 100.0)):
         desired.FixValue(context, np.r_[q + ahead, np.zeros(7)])
         actuation = np.array([torques.Eval(context)])

@@ -26,7 +26,7 @@ def cell(faults, hold):
     simulator = Simulator(station)
     context = simulator.get_mutable_context()
     state = np.concatenate([scenario.start, np.zeros(7)])
-    station.GetInputPort("iiwa.desired_state").FixValue(context, state)
+    station.GetInputPort("arm.desired_state").FixValue(context, state)
     station.GetInputPort("gripper.position").FixValue(context, [0.085])
     station.GetInputPort("object.hold").FixValue(context, [float(hold)])
     return station, simulator, scenario

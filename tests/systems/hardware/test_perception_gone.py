@@ -57,7 +57,7 @@ class Bench:
         """Of the fastest joint, as the simulation has it [rad/s]."""
         station = self.cell.get_system().GetSubsystemByName("station")
         context = station.GetMyContextFromRoot(self.cell.get_context())
-        return np.abs(station.GetOutputPort("iiwa.state_estimated").Eval(context)[7:]).max()
+        return np.abs(station.GetOutputPort("arm.state_estimated").Eval(context)[7:]).max()
 
 
 @pytest.fixture

@@ -26,11 +26,11 @@ def followed(config, source, until, period):
     motion = make_motion(load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap"))
     station = builder.AddSystem(Station(config, load_object("mug"), motion))
     sent = builder.AddSystem(source)
-    builder.Connect(sent.get_output_port(), station.GetInputPort("iiwa.desired_state"))
+    builder.Connect(sent.get_output_port(), station.GetInputPort("arm.desired_state"))
     for port, value in (("gripper.position", [0.085]), ("object.hold", [1.0])):
         source = builder.AddSystem(ConstantVectorSource(value))
         builder.Connect(source.get_output_port(), station.GetInputPort(port))
-    log = LogVectorOutput(station.GetOutputPort("iiwa.velocity_estimated"), builder, period)
+    log = LogVectorOutput(station.GetOutputPort("arm.velocity_estimated"), builder, period)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(until)
     return log.FindLog(simulator.get_context()).data().T

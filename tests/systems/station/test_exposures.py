@@ -64,8 +64,8 @@ def cell(text):
     motion = "{object: {model: mug}, motion: {rate: 3.0}, carrier: {kind: hand, hue: 315.0}}"
     depth = "{perception: {segmentation: depth}, random_seed: 3}"
     started = Cell(load_scenario(FILE, "ReachLinearMocap", motion, depth, camera)).start()
-    q = started.read("iiwa.position_measured")
-    started.fix("iiwa.desired_state", np.r_[q + 0.05, np.zeros(7)])
+    q = started.read("arm.position_measured")
+    started.fix("arm.desired_state", np.r_[q + 0.05, np.zeros(7)])
     return started
 
 
@@ -89,7 +89,7 @@ def test_images_are_those_of_the_instant_of_exposure():
         else:
             np.testing.assert_array_equal(ours.data, expected.data)
     for name, of in (
-        ("position", "iiwa.position_measured"),
+        ("position", "arm.position_measured"),
         ("gripper_state", "gripper.state_measured"),
     ):
         np.testing.assert_array_equal(late.read(f"{NAME}.{name}"), prompt.read(of))

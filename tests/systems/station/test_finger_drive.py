@@ -51,7 +51,7 @@ def test_fingers_that_are_told_to_press_deal_the_arm_no_blow():
         opening = OPEN - 0.15 * t if t < told_to_press else -0.05
         cell.fix("gripper.position", [opening])
         cell.advance(t)
-        torques.append(cell.read("iiwa.torque_external"))
+        torques.append(cell.read("arm.torque_external"))
         widths.append(cell.read("gripper.state_measured")[0])
     after = round(told_to_press / PERIOD)
     assert max(widths[after:]) < 0.07  # both pads press by then

@@ -5,7 +5,6 @@ from pydrake.multibody.tree import JacobianWrtVariable
 import feasigrasp as fg
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.arm import Family
 from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
@@ -14,7 +13,7 @@ from feasigrasp.systems.from_scenario import make_station
 from feasigrasp.systems.station.cell_check import check_cell
 from feasigrasp.systems.station.directives import cell_directives
 
-OTHERS = [name for name in arm_names() if load_arm(name).family != Family.SRS]
+OTHERS = [name for name in arm_names() if name != "iiwa7"]
 
 
 def scenario_with(name):
@@ -90,3 +89,27 @@ def test_another_arm_follows_grasps_and_holds(name):
     for what in ("joint_limit", "velocity_limit", "acceleration_limit"):
         assert result.metrics[f"{what}_violation_percent"] == 0.0
     assert result.metrics["self_collision_percent"] == 0.0
+
+
+def test_ports_are_found_by_their_former_names_too():
+    station = make_station(scenario_with("ur5e"))
+    for get, port in (
+        (station.GetInputPort, "desired_state"),
+        (station.GetOutputPort, "state_estimated"),
+    ):
+        with pytest.warns(FutureWarning, match=f"iiwa.{port} is now arm.{port}"):
+            former = get(f"iiwa.{port}")
+        assert former.get_index() == get(f"arm.{port}").get_index()
+
+
+def test_packaged_motions_shrink_with_the_reach_of_a_smaller_arm():
+    motion = fg.load_scenario("ReachLinearMocap").motion
+    assert motion.center == [0.5, 0.0, 0.55]
+    assert fg.load_scenario("ReachLinearMocap", "{arm: iiwa14}").motion.center == motion.center
+    share = load_arm("xarm7").reach / load_arm("iiwa7").reach
+    assert 0.7 < share < 0.95
+    shrunk = fg.load_scenario("ReachLinearMocap", "{arm: xarm7}").motion
+    assert shrunk.center == [0.5 * share, 0.0, 0.55]
+    np.testing.assert_allclose(shrunk.amplitude, share * np.array(motion.amplitude))
+    given = "{arm: xarm7, motion: {center: [0.45, 0.0, 0.5]}}"
+    assert fg.load_scenario("ReachLinearMocap", given).motion.center == [0.45, 0.0, 0.5]

@@ -26,14 +26,14 @@ def test_ports_are_those_of_the_docstring(seeing, ports, documented_ports):
     camera = "{cameras: {wrist_camera: {fps: 30, output_delay: 0.06}}}"
     delayed = make_station(load_scenario(FILE, "ReachLinearMocap", camera))
     assert sorted(ports(delayed)[1]) == sorted(named)
-    assert inputs == {"iiwa.desired_state": 14, "gripper.position": 1, "object.hold": 1}
+    assert inputs == {"arm.desired_state": 14, "gripper.position": 1, "object.hold": 1}
     sizes = {name: size for name, size in outputs.items() if size is not None}
     assert sizes == {
-        "iiwa.position_measured": 7,
-        "iiwa.velocity_estimated": 7,
-        "iiwa.state_estimated": 14,
-        "iiwa.torque_measured": 7,
-        "iiwa.torque_external": 7,
+        "arm.position_measured": 7,
+        "arm.velocity_estimated": 7,
+        "arm.state_estimated": 14,
+        "arm.torque_measured": 7,
+        "arm.torque_external": 7,
         "gripper.state_measured": 2,
         "object.let_go": 1,
     }
@@ -42,10 +42,10 @@ def test_ports_are_those_of_the_docstring(seeing, ports, documented_ports):
 def test_it_starts_where_the_scenario_says(blind):
     cell = blind.start()
     np.testing.assert_allclose(
-        cell.read("iiwa.state_estimated"), np.r_[cell.scenario.start, np.zeros(7)]
+        cell.read("arm.state_estimated"), np.r_[cell.scenario.start, np.zeros(7)]
     )
     np.testing.assert_array_equal(
-        cell.read("iiwa.position_measured"), cell.read("iiwa.state_estimated")[:7]
+        cell.read("arm.position_measured"), cell.read("arm.state_estimated")[:7]
     )
     np.testing.assert_allclose(cell.read("gripper.state_measured"), [OPEN, 0.0])
     np.testing.assert_allclose(cell.object_pose().GetAsMatrix4(), cell.motion.pose(0.0), atol=1e-12)
@@ -54,7 +54,7 @@ def test_it_starts_where_the_scenario_says(blind):
 def test_the_arm_holds_its_place_against_gravity(blind):
     cell = blind.start()
     cell.advance(0.5)
-    np.testing.assert_allclose(cell.read("iiwa.position_measured"), HOME, atol=1e-4)
+    np.testing.assert_allclose(cell.read("arm.position_measured"), HOME, atol=1e-4)
 
 
 def test_the_arm_tracks_a_moving_desired_state(blind):
@@ -64,8 +64,8 @@ def test_the_arm_tracks_a_moving_desired_state(blind):
     for k in range(200):
         t = 0.005 * k
         q = HOME + amplitude * (1 - np.cos(rate * t))
-        cell.fix("iiwa.desired_state", np.r_[q, amplitude * rate * np.sin(rate * t)])
-        errors.append(np.abs(cell.read("iiwa.position_measured") - q).max())
+        cell.fix("arm.desired_state", np.r_[q, amplitude * rate * np.sin(rate * t)])
+        errors.append(np.abs(cell.read("arm.position_measured") - q).max())
         cell.advance(t + 0.005)
     # A control period at 0.15 rad/s is 0.75 mrad; inertia x acceleration / kp comes on top.
     assert max(errors) < 0.002
@@ -75,14 +75,14 @@ def test_what_a_step_of_the_desired_position_leaves_decays(blind):
     """``Kd de/dt + Kp e = 0``: inertias hardly count beside the damping of a velocity drive."""
     cell = blind.start()
     step, rate = 0.05 * np.array([1, -1, 1, 1, -1, 1, -1]), IIWA_7.kp / IIWA_7.kd
-    cell.fix("iiwa.desired_state", np.r_[HOME + step, np.zeros(7)])
+    cell.fix("arm.desired_state", np.r_[HOME + step, np.zeros(7)])
     for t in (1.0, 4.0):
         cell.advance(t)
         left = step * np.exp(-rate * t)
         np.testing.assert_allclose(
-            cell.read("iiwa.position_measured"), HOME + step - left, atol=5e-4
+            cell.read("arm.position_measured"), HOME + step - left, atol=5e-4
         )
-        np.testing.assert_allclose(cell.read("iiwa.velocity_estimated"), rate * left, atol=5e-4)
+        np.testing.assert_allclose(cell.read("arm.velocity_estimated"), rate * left, atol=5e-4)
 
 
 @pytest.mark.parametrize("width", [0.01, 0.05, OPEN])
@@ -141,14 +141,14 @@ def test_end_stops_and_torque_limits_are_there_only_in_safe_mode(mode, free):
     cell = Cell(scenario(mode=mode)).start()
     beyond = HOME.copy()
     beyond[0] = IIWA_7.upper[0] + 0.2
-    cell.fix("iiwa.desired_state", np.r_[beyond, np.zeros(7)])
+    cell.fix("arm.desired_state", np.r_[beyond, np.zeros(7)])
     plant = cell.station.plant
     near = beyond - np.r_[0.3, np.zeros(6)]
     plant.SetPositions(
         plant.GetMyMutableContextFromRoot(cell.context), plant.GetModelInstanceByName("iiwa"), near
     )
     cell.advance(2.0)
-    reached = cell.read("iiwa.position_measured")[0]
+    reached = cell.read("arm.position_measured")[0]
     efforts = [plant.GetJointActuatorByName(name).effort_limit() for name in IIWA_7.joint_names]
     np.testing.assert_array_equal(efforts, np.full(7, np.inf) if free else IIWA_7.effort_limits)
     if free:

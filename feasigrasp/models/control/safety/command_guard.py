@@ -111,6 +111,11 @@ class CommandGuard:
         """Shortest cycle of late by this computer's clock [s]."""
         return self._clock.shortest
 
+    @property
+    def joints(self) -> int:
+        """How many the arm has."""
+        return self._arm.joints
+
     def request(self, stamp: float, q: Array) -> bool:
         """Accepts requested positions; returns whether they are used.
 
