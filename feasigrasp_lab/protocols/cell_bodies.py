@@ -6,8 +6,6 @@ from feasigrasp.scenario.cell import BoxConfig
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.protocols.degradations import Change
 
-#: Distance of a body from the middle of the object's path [m]. Source: definition.
-_DISTANCES = (0.12, 0.18, 0.25)
 #: Where it is from there, and its sides [m].
 _BODIES = {
     "wall": ((0.0, 1.0, 0.0), (0.5, 0.04, 0.5)),
@@ -25,7 +23,10 @@ def _beside(name: str, distance: float) -> Change:
     return change
 
 
-#: What the study ``cell`` runs its scenarios with, by the end of the runs' names.
+#: What the study ``cell`` runs its scenarios with, by the end of the runs' names: each body at
+#: three distances from the middle of the object's path [m].
 BODIES = {
-    f"-{name}-{distance:g}": _beside(name, distance) for name in _BODIES for distance in _DISTANCES
+    f"-{name}-{distance:g}": _beside(name, distance)
+    for name in _BODIES
+    for distance in (0.12, 0.18, 0.25)
 }

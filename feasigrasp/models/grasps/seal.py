@@ -118,11 +118,6 @@ def needed_vacuum(force: ArrayLike, moment: ArrayLike, cup: SuctionCup) -> Array
     return np.asarray(f[..., 2] + np.maximum(friction, 2.0 * bending / cup.radius))
 
 
-#: Axes and diagonals: directions among which the worst is looked for. Source: layout.
-_AROUND = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)], dtype=float) - 1.0
-_AROUND /= np.linalg.norm(_AROUND, axis=1, keepdims=True)
-
-
 @dataclass(frozen=True, eq=False)
 class CupLoad(Load):
     """Loads on a suction cup in n grasps of one object.
@@ -135,7 +130,10 @@ class CupLoad(Load):
 
     def per_kilogram(self, down: ArrayLike | None = None) -> Array:
         """Share of the vacuum that one kilogram of the object takes, shape (n,)."""
-        around = np.stack([self._needed(each) for each in _AROUND]).max(axis=0)
+        # Axes and diagonals: directions among which the worst is looked for.
+        ways = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        around = np.stack([self._needed(each) for each in ways]).max(axis=0)
         if down is None:
             share = (GRAVITY + HAND_ACCELERATION) * around
         else:

@@ -23,10 +23,6 @@ from feasigrasp.models.robot.gripper import SuctionCup
 from feasigrasp.models.shape.gpdf import MARGIN_GROWTH, surface_deviation
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 
-#: Cosine of the largest angle between approach and normals under the cup. Source: guessed: 20
-#: degrees.
-FLAT = np.cos(np.deg2rad(20.0))
-
 
 def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:
     """Keeps the poses at which a cup closes on the surface and the hand collides with nothing.
@@ -60,7 +56,9 @@ def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:
     gap = gap.reshape(len(pose), len(points))
     cosine = -np.einsum("nki,ni->nk", normal.reshape(*gap.shape, 3), pose[:, :3, 2])
     near = np.abs(gap) <= off
-    there, flat = near[:, -1], (near & (cosine >= FLAT)).all(axis=1)
+    # Largest angle between approach and normals under the cup: 20 degrees, a guess.
+    level = cosine >= np.cos(np.deg2rad(20.0))
+    there, flat = near[:, -1], (near & level).all(axis=1)
     bent = strain(gap[:, :LIP], cup)
     possible = gpdf.possible(surface).reshape(gap.shape).all(axis=1)
     # What strain one metre of error brings, at the cone's springs.

@@ -43,8 +43,6 @@ _USUAL = {"KILL", "STOP", "CHLD", "CONT", "URG", "WINCH", "SEGV", "BUS", "FPE", 
 #: A guard answers a status within this share of a cycle, or leaves the arm to its standby.
 #: Source: reasoned: what is left of the cycle is enough for a command that is ready.
 ANSWER = 0.6
-#: The standby has braked when the driver holds one position in so many cycles. Source: guessed.
-AT_REST = 3
 
 
 class Guard:
@@ -175,9 +173,9 @@ class Guard:
             for each in (status.joint_position_measured, status.joint_position_commanded)
         )
         if self._gives_way():
-            # Until the standby has braked.
+            # Until the standby has braked: the driver holds one position for three cycles.
             self._quiet = self._quiet + 1 if np.array_equal(held, self._held) else 0
-            self._held, self._gave_way = held, self._quiet < AT_REST
+            self._held, self._gave_way = held, self._quiet < 3
             return
         if not self._guard.moving:
             self._idle_at = self._clock()
