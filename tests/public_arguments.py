@@ -228,6 +228,7 @@ class Examples:
             "RMMTaskController.options": HorizonOptions(),
             "GPJointController.options": HorizonOptions(),
             "ReachabilityFilter.options": InterceptionOptions(),
+            "MotionPredictor.function": lambda *given: None,
             "FeasiblePoses.options": InterceptionOptions(), "FeasiblePoses.ahead": 0.5,
             "ProgramOptions.steps": (0.02,),
             "now": now,

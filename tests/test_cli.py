@@ -42,7 +42,8 @@ def test_every_command_has_its_own_help(capsys):
         assert ended.value.code == 0
         out = capsys.readouterr().out
         assert f"feasigrasp {' '.join(command)}" in out
-        if command[0] in ("evaluate", "bench"):
+        # Seeds and objects of all measurements are those of their list.
+        if command[0] in ("evaluate", "bench") and command != ("evaluate", "all"):
             for option in ("--out", "--seed", "--jobs", "--objects", "--quick"):
                 assert option in out, command
 
@@ -60,7 +61,7 @@ def test_every_command_is_a_module_that_says_what_it_does():
 def test_the_commands_are_those_that_users_rely_on():
     assert {group: list(commands) for group, (_, commands) in GROUPS.items()} == {
         "evaluate": [
-            *("dynamic", "faults", "gallery", "hardware-loop", "kinematics", "reachability"),
+            *("all", "dynamic", "faults", "gallery", "hardware-loop", "kinematics", "reachability"),
             *("rollout", "sampler", "segmentation", "shape", "static", "tracking"),
         ],
         "bench": ["all", "control", "kinematics", "reachability", "sampler", "shape"],

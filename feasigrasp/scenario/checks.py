@@ -153,7 +153,7 @@ def numbers(
 
 
 def _check_number(path: tuple[str, ...], index: str, value: float, span: Span | None) -> None:
-    shown = ".".join(path) + index
+    shown = ".".join(map(str, path)) + index
     low, high, unit = span or Span()
     if not np.isfinite(value):
         raise ScenarioError(f"{shown} is {value}; give a finite number{_range(low, high, unit)}")
@@ -234,13 +234,14 @@ def _check_law(scenario: Scenario) -> None:
         return
     if config.options and config.controller in [*ControlSpace]:
         raise ScenarioError(
-            f"control.options has {', '.join(config.options)}, but controller {config.controller} "
-            f"takes none in safe mode; give control.mode: {' or '.join(plugins('modes'))}"
+            f"control.options has {', '.join(map(str, config.options))}, but controller "
+            f"{config.controller} takes none in safe mode; give control.mode: "
+            f"{' or '.join(plugins('modes'))}"
         )
     if scenario.reachability.options and scenario.reachability.method == EXACT:
         raise ScenarioError(
-            f"reachability.options has {', '.join(scenario.reachability.options)}, but method "
-            f"{EXACT} takes none; give reachability.method: {' or '.join(plugins('judges'))}"
+            f"reachability.options has {', '.join(map(str, scenario.reachability.options))}, but "
+            f"method {EXACT} takes none; give reachability.method: {' or '.join(plugins('judges'))}"
         )
 
 
@@ -286,7 +287,8 @@ def _check_camera_noise(scenario: Scenario) -> None:
         unknown = [str(key) for key in changes if key not in known]
         if unknown:
             raise ScenarioError(
-                f"camera_noise.{name} has {', '.join(unknown)}; it may have {', '.join(known)}"
+                f"camera_noise.{name} has {', '.join(map(str, unknown))}; it may have "
+                f"{', '.join(known)}"
                 f"{nearest(unknown[0], known)}"
             )
         try:

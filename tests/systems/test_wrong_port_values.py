@@ -58,7 +58,7 @@ def test_every_input_port_refuses_what_is_wrong(name, examples, monkeypatch):
 
 
 def test_public_systems_have_ports():
-    assert len(PUBLIC) == 11
+    assert len(PUBLIC) == 12
 
 
 @pytest.mark.parametrize(

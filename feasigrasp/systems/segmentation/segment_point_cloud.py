@@ -49,8 +49,8 @@ class SegmentPointCloud(LeafSystem):
     Pixels on the edge of a surface are dropped: there a real camera mixes the depths of two
     surfaces, and the label is a guess. Where the body touches another one, and the depth does not
     jump, nothing is lost. Of a camera that smears, those between two surfaces are dropped as well,
-    see `smeared_pixels`, by ``depth_image`` of the same pixels (optional). A mask of a few
-    pixels only is grown along the surface that it is on.
+    see `smeared_pixels`, by ``depth_image`` of the same pixels; others have no such port. A mask of
+    a few pixels only is grown along the surface that it is on.
 
     ``outline`` is an `Outline` in the camera's axes: where the body may go on although no point of
     it is in the cloud. It is None if the camera is not known.
@@ -78,13 +78,12 @@ class SegmentPointCloud(LeafSystem):
         """
         super().__init__()
         self.label, self._edge_jump, self._camera = label, edge_jump, camera
-        self._smears = smears
         self._hiding = sorted(set(hiding) - {label})
         self._cloud_input = declare_input(self, "point_cloud", PointCloud())
         self._label_input = declare_input(self, "label_image", ImageLabel16I(1, 1))
-        self._depth = declare_input(self, "depth_image", ImageDepth32F(1, 1))
+        self._depth = declare_input(self, "depth_image", ImageDepth32F(1, 1)) if smears else None
         ports = self._cloud_input, self._label_input, self._depth
-        inputs = {port.ticket() for port in ports}
+        inputs = {port.ticket() for port in ports if port is not None}
         self._segmented = declare_cache(self, "segmented", self._calc, inputs)
         segmented = {self._segmented.ticket()}
         declare_output(self, "point_cloud", self._calc_cloud, segmented, model=PointCloud())
@@ -122,7 +121,7 @@ class SegmentPointCloud(LeafSystem):
             keep = of_body & seen & ~edge_pixels(points, seen, of_body, self._edge_jump)
         if self._camera is None:
             return points[:, keep], None
-        if self._smears and self._depth.HasValue(context):
+        if self._depth is not None and self._depth.HasValue(context):
             depth = self._depth.Eval(context).data[*around, 0]
             keep &= ~smeared_pixels(depth, self._camera)
         hiding = np.isin(labels[around], self._hiding)

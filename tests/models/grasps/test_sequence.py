@@ -419,8 +419,8 @@ def test_a_deep_copy_is_the_state_itself():
 @pytest.mark.parametrize(
     ("back", "turn", "words"),
     [
-        (0.05, 0.0, ["50 mm from", "within 6"]),
-        (0.0, 0.2, ["11 deg from", "within 5"]),
+        (0.05, 0.0, ["50 mm off", "closes at 6"]),
+        (0.0, 0.2, ["11 deg off", "closes at 5"]),
         (0.02, 0.3, ["20 mm", "17 deg"]),
         (0.001, 0.01, ["at a grasp", "0.1 s"]),
     ],
