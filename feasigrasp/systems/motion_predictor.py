@@ -12,6 +12,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.systems.ports import declare_input, declare_output, optional
@@ -77,8 +78,13 @@ class MotionPredictor(LeafSystem):
     `CustomMotion`.
     """
 
+    @checked(ScenarioError)
     def __init__(self, function: PredictFn) -> None:
-        """A predictor of a function ``predict(ahead, X_WO, V_WO, estimate)``, see `PredictFn`."""
+        """A predictor of a function ``predict(ahead, X_WO, V_WO, estimate)``, see `PredictFn`.
+
+        Raises:
+            ScenarioError: It cannot be called.
+        """
         super().__init__()
         self._function = function
         self._pose = declare_input(self, "object_pose", RigidTransform())

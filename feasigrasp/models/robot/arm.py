@@ -25,6 +25,7 @@ from feasigrasp.models.quantities import JOINTS, POSE, ArrayOf, Positive, Whole
 #: of position, a point on the axis (3), and the direction of it (3).
 AXIS, SIGN, OFFSET, *_rest = range(24)
 LOWER, UPPER, VELOCITY, ACCELERATION, EFFORT, COMMANDED, MARGIN, POINT, *_others = _rest[2:]
+#: Column of the direction, and of the first seed behind it. Source: layout.
 DIRECTION, SEEDS = POINT + 3, 24
 #: Columns of the last row, the flange's: after the way from the last link its rotation (9) and
 #: place (3) at q = 0, its `Family`, and the lengths or points that inverse kinematics needs (6).

@@ -166,6 +166,7 @@ class ParallelGripper(Gripper):
         """Largest x and y of the fingers of the open hand, and their tip's z [m]."""
         return self.max_opening / 2 + self.finger_thickness, self.finger_width / 2, self.tip
 
+    @checked(GraspError)
     def fingers(self, opening: float) -> list[list[list[float]]]:
         """Lower and upper corners in G of both fingers [m]."""
         thick, wide = self.finger_thickness, self.finger_width
@@ -293,6 +294,7 @@ class SuctionCup(Gripper):
         """Largest x and y of the cup, and its lip's z [m]."""
         return self.radius, self.radius, self.tip
 
+    @checked(GraspError)
     def fingers(self, opening: float) -> list[list[list[float]]]:
         """Lower and upper corners in G of boxes around stem and cup [m]."""
         r, s, back = self.radius, self.stem_radius, -self.height
