@@ -27,7 +27,7 @@ def label_image(labels):
 
 
 def test_ports_are_those_of_the_docstring(ports, documented_ports):
-    inputs, outputs = ports(SegmentPointCloud(LABEL))
+    inputs, outputs = ports(SegmentPointCloud(LABEL, smears=True))
     assert (list(inputs), list(outputs)) == documented_ports(SegmentPointCloud)
     assert set(inputs.values()) == set(outputs.values()) == {None}
 
