@@ -81,9 +81,8 @@ def test_joint_positions_at_the_start_are_those_of_the_arm():
         fg.load_scenario("ReachLinearMocap", "{arm: ur5e, q_start: [0, 0, 0, 0, 0, 0, 0]}")
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5e"])
+@pytest.mark.parametrize("name", OTHERS)
 def test_another_arm_follows_grasps_and_holds(name):
-    """One arm of each closed form; `evaluate dynamic --arm` measures the others."""
     scenario = fg.load_scenario("ReachLinearMocap", f"{{arm: {name}, random_seed: 1}}")
     result = fg.run(scenario, log=False)
     assert result.held
