@@ -11,6 +11,7 @@ import argparse
 from feasigrasp.commands.run import add_lcm_option
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.bridge import Bridge, driver_names, load_driver
+from feasigrasp.systems.hardware.guard import end_at_signals
 from feasigrasp.systems.hardware.priority import Priority, real_time
 
 
@@ -24,7 +25,8 @@ def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     driver = load_driver(args.driver, args.lcm_url)
     bridge = Bridge(channels.open_lcm(args.lcm_url), driver)
-    print(f"serving {args.driver} on {args.lcm_url}; end it with Ctrl-C", flush=True)
+    end_at_signals(bridge.end, alone=True)
+    print(f"serving {args.driver} on {args.lcm_url}; Ctrl-C ends it once the arm rests", flush=True)
     with real_time(Priority.DRIVER):
-        while True:
-            bridge.step()
+        bridge.serve()
+    return 0

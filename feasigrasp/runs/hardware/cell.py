@@ -23,6 +23,7 @@ from feasigrasp.runs.results.interrupts import postponed_interrupt
 from feasigrasp.runs.run import INTERRUPTED, crash_record, measured, timings_of
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.decode import decode
 from feasigrasp.systems.hardware.priority import Priority, real_time
 from feasigrasp.systems.hardware.simulated_cell import make_simulated_cell
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
@@ -63,11 +64,11 @@ class ReceivedCommands:
         self.requests.append(self._now())
 
     def _command(self, data: bytes) -> None:
-        command = lcmt_iiwa_command.decode(data)
-        q = np.array(command.joint_position)
-        if q.shape != (self._joints,) or not np.isfinite(q).all():
+        command = decode(lcmt_iiwa_command, data, self._joints)
+        if command is None:
             self.unusable += 1
             return
+        q = np.array(command.joint_position)
         if self._q and np.any(q != self._q[-1]):
             self.moved = self._now()
         self.late += self._now() >= 1e-6 * command.utime + channels.IIWA_PERIOD - 1e-6

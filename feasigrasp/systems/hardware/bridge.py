@@ -1,7 +1,7 @@
 """Bridge between an arm's own driver and the messages that guard and controller exchange.
 
-Those are drake-iiwa-driver's, with as many joints as the arm has, every `channels.IIWA_PERIOD`. A
-driver that is faster is sent what is between two commands, by linear interpolation.
+Those are drake-iiwa-driver's, with as many joints as the arm has, at the rate of its driver: the
+guard answers every state with a step within the limits of that cycle (1 to 10 ms).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pydrake.lcm import DrakeLcm
 from feasigrasp.models.arrays import Array
 from feasigrasp.plugins import load_plugin, plugins
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.decode import decode
 
 
 class Driver(Protocol):
@@ -46,7 +47,9 @@ class PandaDriver:
         self._lcm.HandleSubscriptions(100)
         if not self._newest:
             return None
-        given, status = lcmt_panda_status.decode(self._newest), lcmt_iiwa_status()
+        given, status = decode(lcmt_panda_status, self._newest), lcmt_iiwa_status()
+        if given is None:
+            return None
         status.utime, status.num_joints = given.utime, given.num_joints
         status.joint_position_measured = given.joint_position
         status.joint_position_commanded = status.joint_position_ipo = given.joint_position_desired
@@ -81,26 +84,35 @@ class Bridge:
     def __init__(self, lcm: DrakeLcm, driver: Driver) -> None:
         """Between the bus of guard and controller, and a driver."""
         self._lcm, self._driver = lcm, driver
-        self._passed_on, self._now, self._since = -np.inf, 0, 0
-        self._start = self._target = self._sent = np.zeros(0)
+        self._q, self._joints, self._rested, self._ended = np.zeros(0), 0, 0, False
         self._subscription = channels.subscribe(lcm, channels.IIWA_COMMAND, self._command)
+
+    def serve(self) -> None:
+        """Works until `end`, and then until the arm is commanded to rest."""
+        # The arm rests where it was commanded the same position for 20 states.
+        while not (self._ended and self._rested >= 20):
+            self.step()
+
+    def end(self, *_: object) -> None:
+        """Ends the service as soon as the arm rests; nothing moves one whose driver is gone."""
+        self._ended = True
 
     def step(self) -> None:
         """Waits for a state, and handles it."""
         status = self._driver.read()
+        self._rested += 1
         if status is None:
             return
-        period, self._now = 1e6 * channels.IIWA_PERIOD, status.utime
-        if status.utime - self._passed_on > period - 500:
-            self._passed_on = status.utime
-            self._lcm.Publish(channels.IIWA_STATUS, status.encode())
+        self._joints = status.num_joints
+        self._lcm.Publish(channels.IIWA_STATUS, status.encode())
         self._lcm.HandleSubscriptions(0)
-        if len(self._target):
-            share = min(1.0, (status.utime - self._since) / period)
-            self._sent = self._start + share * (self._target - self._start)
-            self._driver.send(status.utime, self._sent)
+        if len(self._q):
+            self._driver.send(status.utime, self._q)
 
     def _command(self, data: bytes) -> None:
-        command = lcmt_iiwa_command.decode(data)
-        self._target, self._since = np.array(command.joint_position), self._now
-        self._start = self._sent if len(self._sent) else self._target
+        command = decode(lcmt_iiwa_command, data, self._joints)
+        if command is None:
+            return
+        q = np.array(command.joint_position)
+        if not np.array_equal(q, self._q):
+            self._q, self._rested = q, 0

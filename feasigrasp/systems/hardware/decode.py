@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from drake import (
+    lcmt_iiwa_command,
     lcmt_iiwa_status,
     lcmt_image,
     lcmt_image_array,
@@ -49,6 +50,9 @@ def decode(kind: type, data: bytes, joints: int = IIWA_7.joints) -> Any | None:
 
 
 def _is_possible(message: Any, joints: int) -> bool:
+    if isinstance(message, lcmt_iiwa_command):
+        finite = bool(np.isfinite(message.joint_position).all())
+        return message.num_joints == joints and finite
     if isinstance(message, lcmt_iiwa_status):
         used = (
             message.joint_position_measured,

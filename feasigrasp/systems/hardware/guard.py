@@ -156,7 +156,7 @@ class Guard:
     def _request(self, data: bytes) -> None:
         if self._dismissed or self._rival:
             return
-        request = decode(lcmt_iiwa_command, data)
+        request = decode(lcmt_iiwa_command, data, self._guard.joints)
         if request is None:
             self.dropped[channels.IIWA_REQUEST] += 1
             return
@@ -230,8 +230,8 @@ class Standby(Guard):
         """It only brakes."""
 
     def _receive(self, data: bytes) -> None:
-        command = decode(lcmt_iiwa_command, data)
-        if data not in self._sent and command and command.num_joints == self._guard.joints:
+        command = decode(lcmt_iiwa_command, data, self._guard.joints)
+        if data not in self._sent and command is not None:
             q, self._ready = np.array(command.joint_position), None
             self._guard.follow(q, q if self._last is None else self._last)
             self._last = q
@@ -282,7 +282,7 @@ def main(url: str, begun: Callable[[], None], cell: GuardedCell, *, alone: bool 
     lcm = channels.open_lcm(url)
     refuse_if_commanded(lcm)
     guard = Guard(lcm, cell.make_guard(), backed=True)
-    _end_at_signals(guard, alone=alone)
+    end_at_signals(guard.end, alone=alone)
     with real_time(Priority.DRIVER):
         begun()
         guard.serve()
@@ -296,14 +296,20 @@ def _start_standby(*given: Any) -> None:
 def _brake(url: str, cell: GuardedCell, alone: bool) -> None:
     """Process of the standby."""
     standby = Standby(channels.open_lcm(url), cell.make_guard())
-    _end_at_signals(standby, alone=alone)
+    end_at_signals(standby.end, alone=alone)
     with real_time(Priority.DRIVER):
         standby.serve()
 
 
-def _end_at_signals(guard: Guard, *, alone: bool) -> None:
+def end_at_signals(end: Callable[..., None], *, alone: bool) -> None:
+    """Lets every signal that would end the process call a function that ends it in order.
+
+    Args:
+        end: The function.
+        alone: Whether Ctrl-C is for this process; otherwise it is for the one that started it.
+    """
     for number in signal.valid_signals() - {getattr(signal, f"SIG{n}", 0) for n in _USUAL}:
-        signal.signal(number, guard.end)
+        signal.signal(number, end)
     for name in ("SIGTTIN", "SIGTTOU") if alone else ("SIGTTIN", "SIGTTOU", "SIGINT"):
         signal.signal(getattr(signal, name), signal.SIG_IGN)
 

@@ -2,6 +2,7 @@ import runpy
 from pathlib import Path
 
 import numpy as np
+import pytest
 from drake import lcmt_iiwa_command, lcmt_iiwa_status, lcmt_panda_command, lcmt_panda_status
 from pydrake.lcm import DrakeLcm
 from pydrake.manipulation import PandaCommandReceiver, PandaControlMode, PandaStatusSender
@@ -9,8 +10,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
 
+from feasigrasp.models.control.safety.command_guard import CommandGuard
+from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.bridge import Bridge, PandaDriver
+from feasigrasp.systems.hardware.guard import Guard
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "10_your_own_driver.py"
 Q, V, TAU = np.linspace(-1, 1, 7), np.linspace(0, 0.6, 7), np.linspace(3, -3, 7)
@@ -80,27 +84,90 @@ def test_a_pandas_states_and_commands_are_those_of_drake():
     np.testing.assert_array_equal(receiver.GetOutputPort("position").Eval(context), Q)
 
 
-def test_commands_are_interpolated_and_states_thinned_out():
-    lcm, outside = DrakeLcm("memq://"), DrakeLcm("memq://")
-    panda, states = Panda(outside), []
-    lcm.Subscribe(channels.IIWA_STATUS, lambda data: states.append(lcmt_iiwa_status.decode(data)))
-    bridge = Bridge(lcm, PandaDriver(lcm=outside))
-    for k in range(31):
-        if k in (10, 20):
-            command = lcmt_iiwa_command()
-            command.num_joints, command.joint_position = 7, [*(Q + 0.01 * (k - 10))]
-            lcm.Publish(channels.IIWA_COMMAND, command.encode())
-        panda.say(1000 * k)
+class Fast:
+    """A driver at 1 kHz; in each cycle the arm is where it was last commanded to be."""
+
+    def __init__(self, joints):
+        self.q, self.held, self.cycle = np.zeros(joints), [], 0
+
+    def read(self):
+        self.cycle += 1
+        self.held.append(self.q)
+        status = lcmt_iiwa_status()
+        status.utime, status.num_joints = 1_000 * self.cycle, len(self.q)
+        for name in status.__slots__[2:]:
+            setattr(status, name, [0.0] * len(self.q))
+        status.joint_position_measured = status.joint_position_commanded = list(self.q)
+        return status
+
+    def send(self, utime, q):
+        self.q = q
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5e"])
+def test_behind_a_driver_at_1_khz_the_guard_keeps_the_limits_in_its_cycles(name):
+    lcm, arm = DrakeLcm("memq://"), load_arm(name)
+    driver = Fast(arm.joints)
+    bridge = Bridge(lcm, driver)
+    guard = Guard(lcm, CommandGuard(0.005, arm=arm), clock=lambda: 1e-3 * driver.cycle)
+    driver.q = 0.5 * (arm.lower + arm.upper)
+    asked, start = driver.q.copy(), driver.q.copy()
+    for k in range(1500):
         bridge.step()
-    outside.HandleSubscriptions(0)
-    lcm.HandleSubscriptions(0)
-    np.testing.assert_allclose(np.diff([state.utime for state in states]), [5000] * 6, atol=1)
-    sent = np.array([lcmt_panda_command.decode(each).joint_position for each in panda.commands])
-    np.testing.assert_allclose(sent[:10], np.tile(Q, (10, 1)))
-    steps = np.diff(sent[:, 0])[9:]
-    np.testing.assert_allclose(steps[:6].sum(), 0.1, atol=1e-4)
-    assert (steps >= -1e-12).all() and steps.max() < 0.1 / 5 + 1e-4
-    np.testing.assert_allclose(sent[-1], Q + 0.1)
+        while lcm.HandleSubscriptions(0):
+            pass
+        if k > 300:
+            asked[0] += 0.001 * min(1.0, 0.005 * (k - 300)) * (k < 1000)
+            request = lcmt_iiwa_command()
+            request.utime, request.num_joints = 1_000 * driver.cycle, arm.joints
+            request.joint_position = list(asked)
+            lcm.Publish(channels.IIWA_REQUEST, request.encode())
+    assert guard.dropped.total() == 0 and guard._guard.period == pytest.approx(0.001)
+    held = np.array(driver.held)
+    v = np.diff(held, axis=0) / 0.001
+    a = np.diff(v, axis=0) / 0.001
+    np.testing.assert_allclose(held[-1], asked, atol=1e-3)
+    assert held[-1, 0] - start[0] > 0.5
+    assert (np.abs(v) <= arm.velocity_limits * (1 + 1e-6)).all()
+    assert (np.abs(a) <= arm.acceleration_limits * (1 + 1e-6)).all()
+
+
+def test_messages_that_are_none_change_nothing_and_it_ends_when_the_arm_rests():
+    lcm, driver = DrakeLcm("memq://"), Fast(7)
+    bridge = Bridge(lcm, driver)
+    command = lcmt_iiwa_command()
+    command.num_joints, command.joint_position = 7, [0.1] * 7
+    good = command.encode()
+    command.joint_position = [np.nan] * 7
+    other = lcmt_iiwa_command()
+    other.num_joints, other.joint_position = 6, [0.5] * 6
+    bridge.step()
+    for data in (good, b"", good[:-4], command.encode(), other.encode(), good + b"more"):
+        lcm.Publish(channels.IIWA_COMMAND, data)
+        bridge.step()
+    np.testing.assert_array_equal(driver.q, [0.1] * 7)
+
+    def still_moving(utime, q):
+        driver.q = q
+        if driver.cycle < 100:
+            command.joint_position = [1e-3 * driver.cycle] * 7
+            lcm.Publish(channels.IIWA_COMMAND, command.encode())
+
+    driver.send = still_moving
+    bridge.step()
+    bridge.end()
+    bridge.serve()
+    assert 110 < driver.cycle < 130
+
+
+def test_a_pandas_malformed_states_are_none():
+    lcm = DrakeLcm("memq://")
+    driver, good = PandaDriver(lcm=lcm), panda_status(1_000).encode()
+    for data in (b"", good[:-8], good + b"more", b"x" * 300):
+        lcm.Publish("PANDA_STATUS", data)
+        assert driver.read() is None
+    lcm.Publish("PANDA_STATUS", good)
+    assert driver.read().utime == 1_000
 
 
 def test_the_driver_of_the_example_translates(tmp_path, monkeypatch):
