@@ -31,6 +31,8 @@ from feasigrasp.models.faults.images import (
     Outliers,
 )
 from feasigrasp.models.faults.object import ObjectMoved, ObjectPace, ObjectPulled
+from feasigrasp.models.objects.tracker_config import TrackerKind
+from feasigrasp.scenario.schema import Scenario
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class StudiedFault:
         what: What goes wrong.
         behaviour: What the cell does then.
         fault: The fault; its start is drawn. None if it is there all the time, by ``tracker``.
-        named: Statuses and causes that are the right word about it.
+        named: Statuses and causes that are the right word about it, with the pose given.
         held: Whether the object is to be held in the end nevertheless.
         tracker: What is changed of the scenario's tracker.
     """
@@ -53,6 +55,16 @@ class StudiedFault:
     held: bool = False
     tracker: Mapping[str, Any] = field(default_factory=dict)
 
+    def words(self, scenario: Scenario) -> tuple[str, ...]:
+        """Statuses and causes that are the right word about it in a scenario.
+
+        Where the object is tracked by the camera, its pose is lost with its image.
+        """
+        quick = isinstance(self.fault, ObjectPace) and self.fault.factor > 1.0
+        hidden = {*_UNOBSERVED} <= {*self.named} or isinstance(self.fault, ObjectMoved)
+        camera = scenario.tracker.kind == TrackerKind.CAMERA
+        return (*self.named, *LOST) if camera and (hidden or quick) else self.named
+
     @property
     def while_lifting(self) -> bool:
         """Whether it begins while the object is lifted, not on the way to it."""
@@ -63,9 +75,9 @@ class StudiedFault:
         return [] if self.fault is None else [dc.replace(self.fault, start=start)]
 
 
-#: By the camera alone, the pose is lost with the object.
-_LOST_POSE = ("pose_lost", "looking_for_object")
-_UNOBSERVED = ("nothing_seen", "no_grasp", "views_dropped", *_LOST_POSE)
+#: Statuses of a tracker that does not see the object.
+LOST = ("pose_lost", "looking_for_object")
+_UNOBSERVED = ("nothing_seen", "no_grasp", "views_dropped")
 _DOUBTED = ("pose_jumped", "pose_contradicted", "pose_lost", "views_dropped")
 _KEEP = "grasps of the earlier views stay good, since the pose is tracked; without any it waits"
 _DROP = "views that contradict the others, or cannot be fitted, are dropped and counted"
@@ -180,25 +192,25 @@ FAULTS: dict[str, StudiedFault] = {
         "the object is five times as fast",
         _FOLLOW,
         ObjectPace(factor=5.0),
-        ("never_settled", "missed", *_LOST_POSE),
+        ("never_settled", "missed"),
     ),
     "object_out_of_reach": StudiedFault(
         "the object leaves, 1.3 m from the base",
         "nothing is reachable: the arm waits",
         ObjectMoved(),
-        ("out_of_reach", *_LOST_POSE),
+        ("out_of_reach",),
     ),
     "object_through_arm": StudiedFault(
         "the object is carried through the arm to its other side",
         "the arm keeps its limits; a tensed hand that carries the object gives way at 30 N",
         ObjectMoved(to=[-0.35, 0.0, 0.55]),
-        ("no_grasp", "braking_for_obstacle", "pose_contradicted", "pushed_away", *_LOST_POSE),
+        ("no_grasp", "braking_for_obstacle", "pose_contradicted", "pushed_away"),
     ),
     "object_into_table": StudiedFault(
         "the object goes down into the table",
         "grasps that hit the table are not reachable; the arm stays above it",
         ObjectMoved(to=[0.5, 0.0, -0.05]),
-        ("blocked_by_table", "no_grasp", "braking_for_obstacle", *_LOST_POSE),
+        ("blocked_by_table", "no_grasp", "braking_for_obstacle"),
     ),
     "object_pulled": StudiedFault(
         "150 N pull the object out of the hand while it is lifted",

@@ -19,7 +19,7 @@ from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.protocols.fault_table import FAULTS, StudiedFault
+from feasigrasp_lab.protocols.fault_table import FAULTS, LOST, StudiedFault
 from feasigrasp_lab.results.arguments import select_objects
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.runs.plan import PlannedRun, chosen_text
@@ -172,7 +172,7 @@ def outcome(run: FaultRun, record: Record) -> dict[str, Any]:
         "controller": run.scenario.control.controller,
         "seed": run.scenario.random_seed,
         "held": held,
-        "named": held or noticed is not None or metrics.get("cause") in fault.named,
+        "named": held or noticed is not None or metrics.get("cause") in fault.words(run.scenario),
         "noticed_s": noticed,
         "broken": share != 0.0,
         "worst": f"{worst} {share:.3g}" if share else "",
@@ -184,13 +184,13 @@ def outcome(run: FaultRun, record: Record) -> dict[str, Any]:
 
 def false_alarm(record: Record) -> bool:
     """Whether the status of a run without a fault has the word for one after its start."""
-    words = {word for fault in FAULTS.values() for word in fault.named}
+    words = {*LOST, *(word for fault in FAULTS.values() for word in fault.named)}
     return any(code in words for time, code, *_ in record["status"] if time > 0.0)
 
 
 def _noticed(run: FaultRun, record: Record, fault: StudiedFault) -> float | None:
-    status = [*record.get("status", ())]
+    status, words = [*record.get("status", ())], fault.words(run.scenario)
     for number, (time, code, *_) in enumerate(status):
-        if code in fault.named and (time >= run.start or number == len(status) - 1):
+        if code in words and (time >= run.start or number == len(status) - 1):
             return max(float(time) - run.start, 0.0)
     return None

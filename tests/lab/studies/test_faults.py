@@ -15,7 +15,7 @@ from feasigrasp.runs.metrics.cause import Cause
 from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.protocols.fault_table import FAULTS
+from feasigrasp_lab.protocols.fault_table import FAULTS, LOST
 from feasigrasp_lab.report.tables import faults_report
 from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.runs import isolated
@@ -82,6 +82,15 @@ def test_the_study_has_the_faults_that_it_must_have():
 def test_what_names_a_fault_is_a_status_or_a_cause():
     words = {str(word) for word in (*StatusCode, *Cause)}
     assert {name for fault in FAULTS.values() for name in fault.named} <= words
+
+
+@pytest.mark.parametrize("camera", [True, False])
+def test_a_pose_is_rightly_lost_with_the_image_by_the_camera_alone(camera):
+    scenario = load_scenario("ReachLinear" if camera else "ReachLinearMocap")
+    for name in ("camera_gone", "mask_empty", "object_out_of_reach", "object_fast"):
+        assert ("looking_for_object" in FAULTS[name].words(scenario)) == camera
+    for name in ("object_stops", "perception_late", "controller_nan", "object_pulled"):
+        assert not {*LOST} & {*FAULTS[name].words(scenario)}
 
 
 def test_by_the_camera_alone_pose_and_mask_are_not_given():
