@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from feasigrasp.commands.record import add_camera_arguments, camera_named
-from feasigrasp.commands.track import Seen, step
+from feasigrasp.commands.track import TrackerImage, step
 from feasigrasp.errors import HardwareError, PointCloudError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.camera import Camera
@@ -71,20 +71,20 @@ class _Session:
         self.replay = ""
         self.poses: list[Array | None] = []
 
-    def _seen(self, frame: DepthFrame) -> Seen:
+    def _image(self, frame: DepthFrame) -> TrackerImage:
         """An image as recordings are read."""
         depth = decimated(self._unit * frame.depth.astype(float), self._factor)
-        return Seen(depth, np.eye(4), frame.time, None, picked(frame.color, self._factor))
+        return TrackerImage(depth, np.eye(4), frame.time, None, picked(frame.color, self._factor))
 
     def chosen(self, frame: DepthFrame) -> bool:
         """Whether an object is chosen, and found in this image; shows it if not."""
-        seen = self._seen(frame)
-        found = self._begun(seen)
+        image = self._image(frame)
+        found = self._begun(image)
         if not found:
             self.page.show(self._note, picked(frame.color, self._factor))
         return found
 
-    def _begun(self, seen: Seen) -> bool:
+    def _begun(self, image: TrackerImage) -> bool:
         box = self.page.box() if self._given is None else self._given
         if box is None:
             return False
@@ -92,7 +92,7 @@ class _Session:
         on_table = self._on_table or bool((box[2:] - box[:2]).max() < 4.0)
         tracker, reason = UnaidedTracker(self._camera, on_table, box), "no object is there"
         try:
-            found = step(tracker, seen)[1] is not None
+            found = step(tracker, image)[1] is not None
         except PointCloudError as error:
             found, reason = False, str(error)
         if not found and self._given is not None:
@@ -106,9 +106,9 @@ class _Session:
 
     def follow(self, frame: DepthFrame) -> None:
         """Tracks the object in an image, and draws it."""
-        seen = self._seen(frame)
-        self._begun(seen)
-        self._tracker, X_CO = step(self._tracker, seen)
+        image = self._image(frame)
+        self._begun(image)
+        self._tracker, X_CO = step(self._tracker, image)
         self.poses.append(X_CO)
         self.page.draw(self._tracker.tracker.shape.gpdf)
         words = "tracked" if X_CO is not None else f"not found; {_CHOOSE} to begin anew"

@@ -104,7 +104,7 @@ def check_size(points: Array, gpdf: Gpdf) -> None:
         )
 
 
-class Seen(NamedTuple):
+class TrackerImage(NamedTuple):
     """What `UnaidedTracker.looked` takes in."""
 
     depth: Array
@@ -114,18 +114,18 @@ class Seen(NamedTuple):
     color: NDArray[np.uint8] | None = None
 
 
-def step(tracker: UnaidedTracker, seen: Seen) -> tuple[UnaidedTracker, Array | None]:
+def step(tracker: UnaidedTracker, image: TrackerImage) -> tuple[UnaidedTracker, Array | None]:
     """The tracker after an image, and X_WO if that gave a pose.
 
     Raises:
         PointCloudError: The first view of the object shows a table.
     """
-    known = tracker.tracker.shape.gpdf is not None
-    tracker = tracker.looked(*seen)
+    had_shape = tracker.tracker.shape.gpdf is not None
+    tracker = tracker.looked(*image)
     shape, track = tracker.tracker.shape, tracker.tracker.track
-    if shape.gpdf is not None and not known:
+    if shape.gpdf is not None and not had_shape:
         check_size(shape.cloud.points, shape.gpdf)
-    if track.estimate is None or track.measured_at != seen.time:
+    if track.estimate is None or track.measured_at != image.time:
         return tracker, None
     return tracker, track.estimate.X_WO
 
@@ -143,8 +143,10 @@ def followed(recording: DepthFolder, tracker: UnaidedTracker) -> tuple[UnaidedTr
     poses = np.full((len(recording.files), 4, 4), np.nan)
     for k in tqdm(range(len(recording.files)), unit="image", desc="tracking"):
         images = recording.mask(k), recording.color(k)
-        seen = Seen(recording.depth(k), recording.X_WC[k], float(recording.times[k]), *images)
-        tracker, X_WO = step(tracker, seen)
+        image = TrackerImage(
+            recording.depth(k), recording.X_WC[k], float(recording.times[k]), *images
+        )
+        tracker, X_WO = step(tracker, image)
         if X_WO is not None:
             poses[k] = X_WO
     return tracker, poses

@@ -62,7 +62,7 @@ _BESIDE_WALL = f"{PAPER_OBJECT},soup_can,small_box"
 #: pixels are given, with the same camera and its noise; in ``mocap`` likewise, with a better
 #: camera, as in all others: ``ideal`` with perfect sensors, ``tracking`` with the errors of motion
 #: capture, ``obstacle`` beside a wall (``obstacle-camera`` by the camera alone), ``cell`` beside
-#: known bodies; ``paper`` is the
+#: modeled bodies; ``paper`` is the
 #: paper's dynamic test, slowly and four times as fast; ``speed`` and ``spin`` are the curves of
 #: success over how fast the object moves and turns, ``speed-camera`` the first with the camera
 #: alone; ``degradations`` is what errors of sensors and other objects cost by the camera alone,

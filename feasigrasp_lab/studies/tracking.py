@@ -224,7 +224,7 @@ def real_errors(folder: Path) -> tuple[Array, Array, Array]:
 
     Returns:
         Times, shape (n,) [s]; distance [mm] and angle [deg] between the tracked and the true motion
-        since the first pose, shape (n, 2), NaN where one of both is not known; and the poses, shape
+        since the first pose, shape (n, 2), NaN where one of both is missing; and the poses, shape
         (n, 4, 4).
 
     Raises:

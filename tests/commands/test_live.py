@@ -11,7 +11,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from feasigrasp import cli
-from feasigrasp.commands.track import Seen, step
+from feasigrasp.commands.track import TrackerImage, step
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.samplers import make_sampler
@@ -165,7 +165,7 @@ def test_what_comes_into_view_of_an_object_in_the_air_is_no_table():
     for frame in list(frames(12))[::2]:
         depth = 1e-4 * frame.depth
         mask = depth < 0.8 if frame.number == 0 else None
-        found, X_WO = step(found, Seen(depth, np.eye(4), frame.time, mask, frame.color))
+        found, X_WO = step(found, TrackerImage(depth, np.eye(4), frame.time, mask, frame.color))
         assert found.plane is None and X_WO is not None
         poses.append(X_WO)
     assert SURFACE.distance(_corners(poses[-1], poses[0], 10)).mean() < 3e-3
