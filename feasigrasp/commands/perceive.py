@@ -25,7 +25,7 @@ from feasigrasp.models.clouds.files import prepare_cloud, read_cloud, viewpoint_
 from feasigrasp.models.grasps.grasp_set import Rejection
 from feasigrasp.models.grasps.perceive import Perception, perceive
 from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
-from feasigrasp.models.robot.gripper import SuctionCup
+from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.models.segmentation.tabletop import tabletop
 from feasigrasp.outputs import check_outputs
 from feasigrasp.recordings.images import captured_points, holds_depth

@@ -15,7 +15,7 @@ from feasigrasp.models.choices import ControlSpace, Span, metadata_of, nearest
 from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import capsule_model
-from feasigrasp.models.robot.gripper import load_gripper
+from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError

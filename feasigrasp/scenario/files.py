@@ -16,7 +16,7 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.choices import SAFE, mode_names, nearest
 from feasigrasp.models.objects.rigid_object import builtin_objects, object_file
 from feasigrasp.models.robot.arm_file import arm_names, load_arm
-from feasigrasp.models.robot.gripper import GRIPPERS
+from feasigrasp.models.robot.gripper_file import GRIPPERS
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario

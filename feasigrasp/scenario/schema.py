@@ -35,7 +35,7 @@ from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.robot.arm_file import load_arm
-from feasigrasp.models.robot.gripper import PACKAGED
+from feasigrasp.models.robot.gripper_file import PACKAGED
 from feasigrasp.models.sensors.camera_errors import MATERIALS
 from feasigrasp.models.sensors.joint_errors import JointErrors
 from feasigrasp.models.shape.completion import DEFAULT, field_names

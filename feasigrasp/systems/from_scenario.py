@@ -17,7 +17,8 @@ from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm_file import load_arm
-from feasigrasp.models.robot.gripper import Gripper, load_gripper
+from feasigrasp.models.robot.gripper import Gripper
+from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.modeled_bodies import ModeledBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf

@@ -14,7 +14,7 @@ from pydrake.math import RigidTransform
 
 from feasigrasp.models.arrays import Mask
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.robot.gripper import load_gripper
+from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.results.arguments import positive

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.robot.gripper import Gripper, ParallelGripper, SuctionCup
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
+from feasigrasp.models.robot.suction_cup import SuctionCup
 
 #: Thickness of a finger's pad [m]. Source: guessed.
 PAD_THICKNESS = 0.006

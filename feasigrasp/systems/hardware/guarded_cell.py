@@ -9,7 +9,8 @@ from feasigrasp.models.control.safety.driver_clock import SHORTEST
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.robot.arm_file import load_arm
-from feasigrasp.models.robot.gripper import Gripper, load_gripper
+from feasigrasp.models.robot.gripper import Gripper
+from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.stages.static_obstacles import make_static_grid

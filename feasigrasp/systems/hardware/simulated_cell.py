@@ -44,7 +44,8 @@ from feasigrasp.models.grasps.sequence import (
     pressing_since,
 )
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.models.robot.gripper import Gripper, load_gripper
+from feasigrasp.models.robot.gripper import Gripper
+from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.sampling import make_hand_eye
 from feasigrasp.scenario.schema import Scenario, Segmentation

@@ -30,7 +30,8 @@ from pydrake.systems.primitives import Demultiplexer, Saturation
 from pydrake.systems.sensors import CameraConfig, PixelType
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.robot.gripper import Gripper, ParallelGripper, load_gripper
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
+from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import station_config
 from feasigrasp.systems.hardware import channels

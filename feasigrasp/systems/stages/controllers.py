@@ -15,7 +15,7 @@ from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
 from feasigrasp.models.reach.interception import InterceptionOptions
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm_file import load_arm
-from feasigrasp.models.robot.gripper import load_gripper
+from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.plugins import load_plugin
 from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.schema import EXACT, Scenario

@@ -10,7 +10,7 @@ from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
 from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
-from feasigrasp.models.robot.gripper import load_gripper
+from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.scenario.sampling import make_static_obstacles
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import station_config

@@ -27,7 +27,8 @@ from feasigrasp.models.objects.static_obstacles import StaticObstacle
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.arm_model import arm_urdf
-from feasigrasp.models.robot.gripper import PACKAGED, Gripper, load_gripper
+from feasigrasp.models.robot.gripper import Gripper
+from feasigrasp.models.robot.gripper_file import PACKAGED, load_gripper
 from feasigrasp.models.robot.hand_model import camera_pose, hand_files
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path

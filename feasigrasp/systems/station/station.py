@@ -22,7 +22,8 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.objects.spring_drive import body_pose_kernel
-from feasigrasp.models.robot.gripper import Gripper, SuctionCup
+from feasigrasp.models.robot.gripper import Gripper
+from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.models.sensors.joint_errors import DrawnJointErrors
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.arm_ports import ArmPorts

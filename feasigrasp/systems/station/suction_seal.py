@@ -20,7 +20,7 @@ from feasigrasp.models.objects.spring_drive import (
     carried_body,
     spring_wrench_kernel,
 )
-from feasigrasp.models.robot.gripper import SuctionCup
+from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, weakly
 from feasigrasp.systems.station.object_servo import force_on
 

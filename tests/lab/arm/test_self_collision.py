@@ -18,7 +18,8 @@ from feasigrasp.models.robot.capsules import (
     capsule_model,
     hand_capsules,
 )
-from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper_file import WSG_50
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path, model_path
 from feasigrasp.runs.metrics.reference_robot import ReferenceRobot

@@ -5,7 +5,8 @@ import pytest
 import trimesh
 
 from feasigrasp.models.objects.rigid_object import RigidObject
-from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper_file import WSG_50
 from feasigrasp_lab.runs.floating_gripper import (
     GRAVITY,
     LIFT_TIME,

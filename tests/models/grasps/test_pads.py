@@ -13,7 +13,8 @@ from feasigrasp.models.grasps.payload import (
     pad_cells,
     pressure_centre,
 )
-from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper_file import WSG_50
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 FORCE, STIFFNESS = 40.0, 3e9

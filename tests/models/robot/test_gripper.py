@@ -6,7 +6,8 @@ from scipy.spatial import cKDTree
 
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
-from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper_file import WSG_50
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp_lab.networks.contact_network import TorchGraspNetwork
 

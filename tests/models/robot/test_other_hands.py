@@ -6,7 +6,8 @@ import pytest
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import body_pairs_of, hand_capsules
-from feasigrasp.models.robot.gripper import ParallelGripper, load_gripper
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 OPTIONS = SafetyOptions()

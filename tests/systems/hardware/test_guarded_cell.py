@@ -8,7 +8,7 @@ import pytest
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
-from feasigrasp.models.robot.gripper import WSG_50
+from feasigrasp.models.robot.gripper_file import WSG_50
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.resources import diagram_path

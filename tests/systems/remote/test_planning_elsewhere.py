@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.gripper import load_gripper
+from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp

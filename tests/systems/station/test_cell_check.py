@@ -6,7 +6,8 @@ from pydrake.multibody.parsing import LoadModelDirectives, Parser
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper_file import WSG_50
 from feasigrasp.resources import model_path
 from feasigrasp.systems.station.cell_check import check_cell
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell

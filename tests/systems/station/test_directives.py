@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError, ScenarioError
-from feasigrasp.models.robot.gripper import (
-    GRIPPERS,
-    PACKAGED,
-    WSG_50,
-    ParallelGripper,
-    load_gripper,
-)
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper_file import GRIPPERS, PACKAGED, WSG_50, load_gripper
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.metrics.reference_robot import reference_robot
 from feasigrasp.scenario import load_scenario

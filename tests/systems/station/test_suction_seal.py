@@ -17,7 +17,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.geometry.se3 import make_pose, so3_exp
 from feasigrasp.models.objects.rigid_object import RigidObject
-from feasigrasp.models.robot.gripper import SuctionCup
+from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.runs.run import run
 from feasigrasp.systems.hardware.station import HardwareStation
 from feasigrasp.systems.metrics import SAMPLE_NAMES

@@ -1,0 +1,112 @@
+"""Suction cups."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.arguments import checked
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.quantities import NotNegative
+from feasigrasp.models.robot.gripper import Gripper, box_skin, grid_points
+
+
+@dataclass(frozen=True, eq=False)
+class SuctionCup(Gripper):
+    """A round suction cup on a stem, described in its grasp frame G.
+
+    The origin of G is the middle of the unloaded lip, z points out of the cup. Any turn about z is
+    the same grasp. The defaults are a soft cup of 30 mm, with the reach and camera of the packaged
+    hand.
+
+    Attributes:
+        radius: Of the lip [m].
+        height: Of the cup, from its lip to its apex on the stem [m].
+        stem_radius: Of the stem between palm and cup [m].
+        press: How far the lip is pressed in where the hand is at a grasp [m].
+        max_strain: Share by which the springs of the cup change their lengths at most before the
+            lip opens (see `feasigrasp.models.grasps.seal`).
+        vacuum: Pressure below that of the air in a sealed cup [Pa].
+        friction: Coulomb friction of the lip.
+    """
+
+    radius: float = 0.015
+    height: float = 0.012
+    stem_radius: float = 0.010
+    press: float = 0.002
+    max_strain: float = 0.05
+    vacuum: float = 60e3
+    friction: float = 0.5
+    _LENGTHS = Gripper._LENGTHS | {"radius", "height", "stem_radius", "press"}
+    _POSITIVE = {"max_strain": "", "vacuum": " in Pa", "friction": ""}
+
+    @property
+    def max_opening(self) -> float:
+        """A cup does not open; below zero its vacuum is on [m]."""
+        return 0.0
+
+    @property
+    def tip(self) -> float:
+        """Its lip is in the origin [m]."""
+        return 0.0
+
+    @property
+    def vacuum_force(self) -> float:
+        """Force of the vacuum on what closes the lip, ``p pi r^2`` [N]."""
+        return float(self.vacuum * np.pi * self.radius**2)
+
+    @property
+    def reach(self) -> tuple[float, float, float]:
+        """Largest x and y of the cup, and its lip's z [m]."""
+        return self.radius, self.radius, self.tip
+
+    @checked(GraspError)
+    def fingers(self, opening: float) -> list[list[list[float]]]:
+        """Lower and upper corners in G of boxes around stem and cup [m]."""
+        r, s, back = self.radius, self.stem_radius, -self.height
+        return [[[-s, -s, self.heel], [s, s, back]], [[-r, -r, back], [r, r, 0.0]]]
+
+    def capsules(self) -> list[tuple[list[float], list[float], float]]:
+        """Ends in G and radius of a capsule around stem and cup [m]."""
+        radius = 1.3 * max(self.radius, self.stem_radius)
+        top = -float(np.sqrt(radius**2 - self.radius**2))
+        return [([0.0, 0.0, self.heel], [0.0, 0.0, top], radius)]
+
+    @checked(GraspError)
+    def surface_points(self, opening: NotNegative = 0.0) -> Array:
+        """Points on stem, back of the cup, palm and camera; not on the lip, which is to touch.
+
+        Returns:
+            Shape (k, 3), in the grasp frame G [m].
+        """
+        back = -self.height
+        stem = np.linspace(back, self.heel, 4)[:-1]
+        around = [_rings([self.radius], [back, 0.7 * back]), _rings([self.stem_radius], stem)]
+        px, py, pz = (size / 2 for size in self.palm_size)
+        front = grid_points(np.linspace(-px, px, 5), np.linspace(-py, py, 5), [self.heel])
+        behind = grid_points([-px, px], [-py, py], [self.heel - 2 * pz])
+        return np.concatenate([*around, front, self._camera_points(), behind])
+
+    @checked(GraspError)
+    def skin_points(self, opening: NotNegative = 0.0) -> Array:
+        """Points all over cup, stem, palm and camera, the lip included.
+
+        Returns:
+            Shape (k, 3), in the grasp frame G [m].
+        """
+        palm, depth = np.array(self.palm_size), np.linspace(0.0, -self.height, 3)
+        rings = _rings([0.0, 0.5 * self.radius, self.radius], depth)
+        stem = _rings([self.stem_radius], np.linspace(-self.height, self.heel, 5))
+        box = box_skin([0.0, 0.0, self.heel - palm[2] / 2], palm, 0.015)
+        camera = box_skin(self.camera_center, np.array(self.camera_box), 0.015)
+        return np.concatenate([rings, stem, box, camera])
+
+
+def _rings(radii: ArrayLike, z: ArrayLike) -> Array:
+    """Eight points on each circle about z, shape (k, 3)."""
+    angle = np.arange(8) * np.pi / 4
+    r, a, z = np.meshgrid(radii, angle, z, indexing="ij")
+    return np.stack([r * np.cos(a), r * np.sin(a), z], axis=-1).reshape(-1, 3)
