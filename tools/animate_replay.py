@@ -16,7 +16,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from feasigrasp.cli import exit_status
-from tools.render_replay import render
+from tools.render_replay import add_look, render
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -27,6 +27,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--until", type=float, default=9.2, help="last moment [s]")
     parser.add_argument("--frames", type=int, default=56, help="how many pictures")
     parser.add_argument("--width", type=int, default=720, help="of the file [pixels]")
+    add_look(parser)
     parser.add_argument("--jobs", type=int, default=2, help="browsers at a time")
     return parser.parse_args()
 
@@ -43,7 +44,7 @@ def animate(args: argparse.Namespace) -> None:
         shots = [Path(folder) / f"{k}.png" for k in range(args.frames)]
 
         def take(shot: Path, time: float) -> None:
-            render(args.replay, shot, float(time), (1080, 720))
+            render(args.replay, shot, float(time), (1080, 720), args.look)
 
         with ThreadPoolExecutor(args.jobs) as pool:
             list(tqdm(pool.map(take, shots, times), total=len(shots), desc="pictures"))

@@ -123,8 +123,9 @@ def load_scenario(
         load_scenario("ReachLinear", "{object: {model: mug}}")
         load_scenario("own.scenarios.yaml", "Mine", "{object: {model: mug}}")
 
-    Paths in it start at the file, those in ``overrides`` at the working directory. Motions of
-    packaged ones shrink for an arm of less reach than the iiwa 7's.
+    Paths in it start at the file, those in ``overrides`` at the working directory. A scenario of a
+    file may say ``based_on:`` with the name of a packaged one, which holds where it gives no value.
+    Motions of packaged ones shrink for an arm of less reach than the iiwa 7's.
 
     Args:
         scenario: Name of a packaged scenario, as ``feasigrasp scenarios`` lists them. Or a YAML
@@ -148,7 +149,9 @@ def load_scenario(
     stages: list[tuple[str, Scenario]] = []
     try:
         changes = [compose(text) for text in overrides]
-        first = _load(nodes[name], _defaults([nodes[name], *changes], base or Scenario()))
+        packaged = _taken_base(nodes[name])
+        below = packaged or base or Scenario()
+        first = _load(nodes[name], _defaults([nodes[name], *changes], below))
         stages.append((what, with_paths_from(Path(filename).parent, first)))
         for text, change in zip(overrides, changes, strict=True):
             what = f"scenario {name!r} as changed by {_shortened(text)}"
@@ -162,8 +165,27 @@ def load_scenario(
         what = next(stage for stage, scenario in stages if _wrong_with(scenario) == wrong)
         raise ScenarioError(f"{what}: {wrong}")
     if Path(filename) == diagram_path(PACKAGED):
-        _shrink_motion(stages[-1][1], stages[0][1])
+        packaged = stages[0][1]
+    if packaged is not None:
+        _shrink_motion(stages[-1][1], packaged)
     return stages[-1][1]
+
+
+def _taken_base(node: yaml.Node) -> Scenario | None:
+    """The packaged scenario that ``based_on`` of another one names; the key is taken out."""
+    named = find(node, "based_on")
+    if named is None:
+        return None
+    _drop(node, named)
+    return load_scenario(str(named.value))
+
+
+def _drop(root: yaml.Node, dropped: yaml.Node) -> None:
+    """Takes a value out of a tree, and out of what is merged into it."""
+    root.value = [(key, value) for key, value in root.value if value is not dropped]
+    for key, value in root.value:
+        if key.value == "<<":
+            _drop(value, dropped)
 
 
 def _shrink_motion(scenario: Scenario, first: Scenario) -> None:

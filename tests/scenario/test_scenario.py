@@ -268,6 +268,25 @@ def test_later_overrides_win():
 # ------------------------------------------------------------------------------------ bad input
 
 
+@pytest.mark.parametrize("file, same", [
+    ("Mine: {based_on: ReachLinear, object: {model: mug}}", "{object: {model: mug}}"),
+    ("_own: &own {based_on: ReachLinear, random_seed: 4}\nMine: {<<: *own, arm: ur5e}",
+     "{random_seed: 4, arm: ur5e}"),
+])  # fmt: skip
+def test_a_scenario_is_based_on_a_packaged_one(file, same, tmp_path):
+    path = tmp_path / "own.yaml"
+    path.write_text(file)
+    based = load_scenario(path, "Mine")
+    assert dump_scenario(based) == dump_scenario(load_scenario("ReachLinear", same))
+
+
+def test_an_unknown_base_is_named(tmp_path):
+    path = tmp_path / "own.yaml"
+    path.write_text("Mine: {based_on: ReachLinaer}")
+    with pytest.raises(ScenarioError, match="do you mean ReachLinear"):
+        load_scenario(path, "Mine")
+
+
 def test_a_wrong_value_is_blamed_on_what_gave_it(tmp_path):
     """Not on what was applied after it, nor on a text for what the file says."""
     wrong, harmless = "{object: {friction: -1.0}}", "{random_seed: 3}"
