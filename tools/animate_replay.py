@@ -2,7 +2,7 @@
 
 For example::
 
-    python tools/animate_replay.py out/demo/replay.html docs/images/demo.webp --until 7.4
+    python tools/animate_replay.py belt.html docs/images/demo.webp --look 0.36 0 0.54 5
 """
 
 import argparse

@@ -27,9 +27,9 @@ from tools.stored import names, read
 GALLERY = ROOT / "out" / "gallery"
 _PICTURES = """# Gallery
 
-`make demo`:
+`feasigrasp run ReachLinearBelt --seed 1 --replay replay.html`:
 
-![The arm follows a moving bottle, grasps and lifts it](images/demo.webp)
+![The arm follows a bottle on a moving belt, grasps and lifts it](images/demo.webp)
 
 `feasigrasp run ReachCircular --object mustard_bottle --seed 1 --ghost paper --replay replay.html`:
 

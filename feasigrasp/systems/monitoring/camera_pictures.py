@@ -40,7 +40,8 @@ class CameraPictures(LeafSystem):
         - color_image
         - label_image
 
-    The pixels of one label are tinted: they are what perception takes for the object.
+    The pixels of one label are tinted: they are what perception takes for the object. A black image
+    is left out: it is what a camera delivers before its first one.
     """
 
     def __init__(self, label: int, *, period: float = 0.25) -> None:
@@ -64,6 +65,8 @@ class CameraPictures(LeafSystem):
 
     def _take(self, context: Context) -> EventStatus:
         color = self._color.Eval(context).data[:, :, :3]
+        if not color.any():
+            return EventStatus.DidNothing()  # no image has come yet
         mask = self._labels.Eval(context).data[:, :, 0] == self._label
         self.pictures.append(Picture(context.get_time(), jpeg(color, mask)))
         return EventStatus.Succeeded()
