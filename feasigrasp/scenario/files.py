@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses as dc
+import functools
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -148,7 +149,8 @@ def load_scenario(
     stages: list[tuple[str, Scenario]] = []
     try:
         changes = [compose(text) for text in overrides]
-        first = _load(nodes[name], _defaults([nodes[name], *changes], base or Scenario()))
+        node = copy.deepcopy(nodes[name])
+        first = _load(node, _defaults([node, *changes], base or Scenario()))
         stages.append((what, with_paths_from(Path(filename).parent, first)))
         for text, change in zip(overrides, changes, strict=True):
             what = f"scenario {name!r} as changed by {_shortened(text)}"
@@ -234,9 +236,15 @@ def _nodes(filename: str | Path) -> dict[str, yaml.Node]:
     except (OSError, ValueError) as error:
         raise ScenarioError(f"{filename} cannot be read: {error}") from error
     try:
-        return {key.value: value for key, value in compose(text).value}
+        return _composed(text)
     except ScenarioError as error:
         raise ScenarioError(f"{filename} is {error}") from error
+
+
+@functools.lru_cache(maxsize=4)
+def _composed(text: str) -> dict[str, yaml.Node]:
+    """What a text has under each name; kept, so nobody may change it."""
+    return {key.value: value for key, value in compose(text).value}
 
 
 def _defaults(nodes: Iterable[yaml.Node], base: Scenario) -> Scenario:
