@@ -9,7 +9,6 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-import pytest
 from numba.core.dispatcher import Dispatcher
 
 import feasigrasp
