@@ -243,7 +243,7 @@ def _nodes(filename: str | Path) -> dict[str, yaml.Node]:
 
 @functools.lru_cache(maxsize=4)
 def _composed(text: str) -> dict[str, yaml.Node]:
-    """What a text has under each name; kept, so nobody may change it."""
+    """What a text has under each name, read-only: the next call returns the same."""
     return {key.value: value for key, value in compose(text).value}
 
 

@@ -41,7 +41,7 @@ def test_it_rests_half_a_second_after_the_stated_silence_and_goes_on_after(contr
 
 @pytest.mark.parametrize("controller", ["task", "joint"])
 def test_with_the_camera_alone_it_looks_for_the_object_and_goes_on_when_it_is_back(controller):
-    start, duration = 0.6, 2.0
+    start, duration = 1.0, 2.5
     text = (
         f"{{random_seed: 1, object: {{model: soup_can}}, control: {{controller: {controller}}}, "
         f"grasp: {{close: false}}, faults: [!CameraGone {{start: {start}, duration: {duration}}}]}}"
