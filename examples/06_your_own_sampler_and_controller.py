@@ -47,7 +47,7 @@ figure, ax = plt.subplots(figsize=(7, 3.6))
 for name, parts in {"ours": {}, "own sampler and controller": own}.items():
     diagram = make_dynamic_grasp(scenario, **parts)
     simulator = Simulator(diagram)
-    simulator.AdvanceTo(5.0)
+    simulator.AdvanceTo(3.0)
     log = diagram.GetSubsystemByName("log(metrics)").FindLog(simulator.get_context())
     error = 100 * log.data()[SAMPLE_NAMES.index("grasp_position_error")]
     print(f"{name}: {np.nanmean(error[-50:]):.1f} cm from the nearest grasp in the last second")

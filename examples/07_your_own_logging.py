@@ -43,7 +43,7 @@ def connect(builder, subsystems):
 
 scenario = fg.load_scenario("ReachCircularMocap", "{object: {model: mustard_bottle}}")
 simulator = Simulator(fg.make_dynamic_grasp(scenario, connect=connect))
-simulator.AdvanceTo(6.0)
+simulator.AdvanceTo(3.0)
 
 X_WO, qd = (log.FindLog(simulator.get_context()) for log in logs.values())
 p_WO = X_WO.data().T.reshape(-1, 4, 4)[:, :3, 3]

@@ -50,7 +50,7 @@ scenario = load_scenario("ReachLinearMocap")
 for name, tracker in {"ours": None, "the last two poses": LastTwoPoses()}.items():
     diagram = make_dynamic_grasp(scenario, tracker=tracker)
     simulator = Simulator(diagram)
-    simulator.AdvanceTo(4.0)
+    simulator.AdvanceTo(2.0)
     log = diagram.GetSubsystemByName("log(arm)").FindLog(simulator.get_context())
     speed = np.abs(log.data()[7:]).max(axis=0)  # rows: positions, then velocities of the joints
     plt.plot(log.sample_times(), speed, label=name)

@@ -33,7 +33,7 @@ def connect(builder, subsystems):
 
 diagram = make_dynamic_grasp(scenario, connect=connect)
 simulator = Simulator(diagram)
-simulator.AdvanceTo(7.0)
+simulator.AdvanceTo(5.0)
 
 status = diagram.subsystems.status
 for each in status.history(status.GetMyContextFromRoot(simulator.get_context())):

@@ -1,6 +1,7 @@
 """Fixtures that more than one test folder uses."""
 
 import errno
+import gc
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -21,6 +22,17 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # Tests assert no timings.
 hypothesis.settings.register_profile("untimed", deadline=None)
 hypothesis.settings.load_profile("untimed")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """What is imported and collected stays: no garbage collection looks for what of it is not."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.fixture(scope="session")

@@ -11,8 +11,10 @@ import trimesh
 import yaml
 from pydrake.systems.analysis import Simulator
 
+import feasigrasp as fg
 from feasigrasp import cli
 from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.runs.run import run
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_distractor_bodies, make_motion
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
@@ -28,12 +30,21 @@ def python_of(page):
 
 @pytest.mark.parametrize("page", [p for p in PAGES if python_of(p)], ids=lambda page: page.stem)
 def test_every_block_of_a_page_runs_by_itself(page, tmp_path, monkeypatch):
-    """Verbatim, in an empty namespace and a folder with a user's own files."""
+    """Verbatim, in an empty namespace and a folder with a user's own files.
+
+    Runs are simulated for a second; to their end, those of README by ``tools/run_readme.py``.
+    """
+    monkeypatch.setattr(fg, "run", first_second)
     monkeypatch.chdir(tmp_path)
     Path("mug.ply").write_bytes(cloud_of_a_mug())
     Path("grasps.json").write_text('{"poses": [[[1, 0, 0, 0]]]}')
     for number, code in enumerate(python_of(page)):
         exec(compile(code, f"{page.name}, block {number}", "exec"), {"__name__": "__main__"})
+
+
+def first_second(scenario, *arguments, **options):
+    scenario.simulation_duration = min(scenario.simulation_duration, 1.0)
+    return run(scenario, *arguments, **options)
 
 
 def cloud_of_a_mug() -> bytes:

@@ -33,7 +33,7 @@ def feasigrasp(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str
 @pytest.mark.parametrize("sampler", ["antipodal", "network"])
 def test_a_run_needs_neither(tmp_path, sampler):
     text = f"{{perception: {{sampler: {sampler}}}}}"
-    done = feasigrasp(tmp_path, "run", "ReachLinear", "--duration", "0.5", "--scenario-text", text)
+    done = feasigrasp(tmp_path, "run", "ReachLinear", "--duration", "0.25", "--scenario-text", text)
     assert done.returncode == 0, done.stderr
 
 

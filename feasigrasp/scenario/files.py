@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses as dc
+import functools
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -149,9 +150,9 @@ def load_scenario(
     stages: list[tuple[str, Scenario]] = []
     try:
         changes = [compose(text) for text in overrides]
-        packaged = _taken_base(nodes[name])
-        below = packaged or base or Scenario()
-        first = _load(nodes[name], _defaults([nodes[name], *changes], below))
+        node = copy.deepcopy(nodes[name])
+        packaged = _taken_base(node)
+        first = _load(node, _defaults([node, *changes], packaged or base or Scenario()))
         stages.append((what, with_paths_from(Path(filename).parent, first)))
         for text, change in zip(overrides, changes, strict=True):
             what = f"scenario {name!r} as changed by {_shortened(text)}"
@@ -256,9 +257,15 @@ def _nodes(filename: str | Path) -> dict[str, yaml.Node]:
     except (OSError, ValueError) as error:
         raise ScenarioError(f"{filename} cannot be read: {error}") from error
     try:
-        return {key.value: value for key, value in compose(text).value}
+        return _composed(text)
     except ScenarioError as error:
         raise ScenarioError(f"{filename} is {error}") from error
+
+
+@functools.lru_cache(maxsize=4)
+def _composed(text: str) -> dict[str, yaml.Node]:
+    """What a text has under each name, read-only: the next call returns the same."""
+    return {key.value: value for key, value in compose(text).value}
 
 
 def _defaults(nodes: Iterable[yaml.Node], base: Scenario) -> Scenario:

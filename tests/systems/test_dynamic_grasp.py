@@ -144,10 +144,10 @@ def test_a_hand_that_is_told_to_waits_behind_the_grasps(controller):
     text = f"{{grasp: {{close: false, standoff: 0.1}}, control: {{controller: {controller}}}}}"
     diagram = make_dynamic_grasp(scenario("ReachLinearMocap", text))
     simulator = Simulator(diagram)
-    simulator.AdvanceTo(8.0)
+    simulator.AdvanceTo(5.5)
     log = diagram.GetSubsystemByName("log(metrics)").FindLog(simulator.get_context())
     samples = dict(zip(SAMPLE_NAMES, log.data(), strict=True))
-    error = samples["grasp_position_error"][log.sample_times() > 4.0]
+    error = samples["grasp_position_error"][log.sample_times() > 3.0]
     assert np.nanmin(error) > 0.02
     assert 0.07 < np.nanmedian(error) < 0.13
 

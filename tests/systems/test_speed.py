@@ -21,7 +21,7 @@ V = IIWA_7.velocity_limits
 def test_no_tick_of_a_run_is_faster(controller, speed):
     """Grasps all over the object, an ideal arm: what is sent is what the arm does."""
     text = f"{{control: {{controller: {controller}, speed: {speed}}}}}"
-    states = roll_out(scenario("ReachCircularMocap", text), duration=6.0).states
+    states = roll_out(scenario("ReachCircularMocap", text), duration=4.0).states
     share = np.abs(states[:, 7:]) / V
     assert share.max() <= speed + 1e-12
     assert share.max() > 0.5 * speed  # it is made use of

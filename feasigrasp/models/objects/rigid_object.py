@@ -22,7 +22,7 @@ from feasigrasp.models.objects.mesh import (
     obj_text,
     read_solid,
 )
-from feasigrasp.models.objects.mesh_cache import kept
+from feasigrasp.models.objects.mesh_cache import Solid, kept
 from feasigrasp.models.quantities import POINT, ArrayOf, Positive
 from feasigrasp.outputs import write_text
 from feasigrasp.resources import model_path
@@ -138,13 +138,8 @@ def load_object(
     path, entry = _resolve(name_or_path)
     if mass is not None and density is not None:
         raise MeshError(f"{path}: both mass={mass} and density={density} given; give one of them.")
-
-    def make() -> tuple[trimesh.Trimesh, tuple[str, ...]]:
-        solid, repairs = read_solid(path, scale)
-        mesh, reduction = decimate(solid, MAX_FACES)
-        return mesh, repairs + reduction
-
-    mesh, notes = kept(path, f"{scale!r} {MAX_FACES}", make)
+    state = path.stat() if path.is_file() else None
+    mesh, notes = _read_once(path, scale, state and (state.st_mtime_ns, state.st_size))
     if mass is None and density is None and "mass_kg" in entry:
         _check_positive(f"{path}: its catalogue gives mass_kg", entry["mass_kg"])
         mass = float(entry["mass_kg"]) * scale**3
@@ -156,6 +151,18 @@ def load_object(
         material=str(entry.get("material", RigidObject.material)),
         notes=notes,
     )
+
+
+@lru_cache(maxsize=64)
+def _read_once(path: Path, scale: float, state: tuple[int, int] | None) -> Solid:
+    """The solid of a file that stays as it is; every diagram asks for its object several times."""
+
+    def make() -> Solid:
+        solid, repairs = read_solid(path, scale)
+        mesh, reduction = decimate(solid, MAX_FACES)
+        return mesh, repairs + reduction
+
+    return kept(path, f"{scale!r} {MAX_FACES}", make)
 
 
 def find_objects(directory: str | Path) -> dict[str, Path]:

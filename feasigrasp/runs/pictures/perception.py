@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from pydrake.geometry import Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.perception import BaseField, Fields, PointCloud
 
-from feasigrasp.models.arrays import Array
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.geometry.se3 import make_pose, perpendiculars
 from feasigrasp.models.grasps.glyphs import (
     disc,
@@ -40,6 +41,7 @@ from feasigrasp.systems.monitoring.grasp_visualizer import distance_from_seen
 from feasigrasp.systems.station.meshcat_scene import set_background
 
 
+@lru_cache(maxsize=1)
 def dense_surface(gpdf: Gpdf, across: int = 90) -> SurfacePoints:
     """Points of the completed surface, evenly spread, with normals and variance.
 
@@ -54,26 +56,27 @@ def dense_surface(gpdf: Gpdf, across: int = 90) -> SurfacePoints:
     spacing = float(np.ptp(gpdf.bounds, axis=0).max()) / across
     # Points of the first, uneven sample are projected from a grid of this many points per side.
     grown = gpdf.surface(16)
-    points, normals = _one_per_voxel(grown.points, grown.normals, spacing)
-    # Times that the sample grows by its neighbours.
+    first = _one_per_voxel(grown.points, spacing)
+    points, normals = new, new_normals = grown.points[first], grown.normals[first]
+    # Times that the sample grows by the neighbours of what was new.
     for _ in range(5):
-        tangents = perpendiculars(normals)
-        beside = [points + spacing * sign * t for t in tangents for sign in (1.5, -1.5)]
+        tangents = perpendiculars(new_normals)
+        beside = [new + spacing * sign * t for t in tangents for sign in (1.5, -1.5)]
         _, ends, end_normals = gpdf.refine(np.concatenate(beside), steps=4)
         # A point is on the surface if the raw distance is less [m].
         kept = np.abs(gpdf.distance(ends)) < 5e-4
-        points, normals = _one_per_voxel(
-            np.concatenate([points, ends[kept]]),
-            np.concatenate([normals, end_normals[kept]]),
-            spacing,
-        )
+        all_points = np.concatenate([points, ends[kept]])
+        all_normals = np.concatenate([normals, end_normals[kept]])
+        first = _one_per_voxel(all_points, spacing)
+        added = first[first >= len(points)]
+        points, normals = all_points[first], all_normals[first]
+        new, new_normals = all_points[added], all_normals[added]
     return SurfacePoints(points, normals, gpdf.variance)
 
 
-def _one_per_voxel(points: Array, normals: Array, size: float) -> tuple[Array, Array]:
-    """The first point of every voxel, with its normal."""
-    _, first = np.unique(np.floor(points / size).astype(np.int64), axis=0, return_index=True)
-    return points[first], normals[first]
+def _one_per_voxel(points: Array, size: float) -> Indices:
+    """Indices of the first point of every voxel."""
+    return np.unique(np.floor(points / size).astype(np.int64), axis=0, return_index=True)[1]
 
 
 #: Everything is drawn below this Meshcat path; its children can be switched off by hand.

@@ -133,6 +133,7 @@ def test_the_script_writes_picture_and_html(run_script, tmp_path, sampler):
     )
     assert status == 0, err
     assert "grasps kept" in out and "dropped: " in out
+    assert "another object beside this one" not in out
     assert (tmp_path / "out" / "ball.png").stat().st_size > 20_000
     html = (tmp_path / "out" / "ball.html").read_text()
     assert "perception/completion" in html or len(html) > 1_000_000
@@ -141,12 +142,10 @@ def test_the_script_writes_picture_and_html(run_script, tmp_path, sampler):
 
 def test_a_second_object_in_the_cloud_is_told_of(run_script, tmp_path):
     ball = seen_sphere()
-    np.save(tmp_path / "one.npy", ball)
     np.save(tmp_path / "two.npy", np.vstack([ball, ball[: len(ball) // 2] + [0.2, 0.0, 0.0]]))
-    for name, told in (("one", False), ("two", True)):
-        arguments = ("--cloud", tmp_path / f"{name}.npy", "--sampler", "antipodal")
-        status, out, _ = run_script(*arguments, "--picture", tmp_path / f"{name}.png")
-        assert status == 0 and ("another object beside this one" in out) == told
+    arguments = ("--cloud", tmp_path / "two.npy", "--sampler", "antipodal")
+    status, out, _ = run_script(*arguments, "--picture", tmp_path / "two.png")
+    assert status == 0 and "another object beside this one" in out
 
 
 def test_nothing_to_hold_is_explained(run_script, tmp_path):

@@ -13,7 +13,7 @@ from feasigrasp.systems.remote.remote_stage import end_processes
 from tests.pipeline import scenario
 
 #: Grasps of the view at the start are there after 0.1 s, those of the next one after 0.6 s.
-LATENCY, UNTIL = 0.1, 0.9
+LATENCY, UNTIL = 0.1, 0.7
 
 
 def simulated(execution):

@@ -154,7 +154,7 @@ def test_the_arm_keeps_clear_of_a_body_in_its_way(text, scene, given, monkeypatc
     setting.scene.enabled = scene
     diagram = make_dynamic_grasp(setting, controller=Turn(make_reachability(setting)))
     simulator = Simulator(diagram)
-    simulator.AdvanceTo(2.5)
+    simulator.AdvanceTo(2.0)
     log = diagram.GetSubsystemByName("log(obstacle_distance)").FindLog(simulator.get_context())
     if given:
         assert 0.01 < log.data().min() < 0.05  # it stops before the body, where it may

@@ -36,7 +36,7 @@ def output(diagram, context, system, port):
 )
 def test_it_is_tracked_by_the_other_camera_until_the_first_one_sees_it_again():
     # How far a run is off depends on what the arm came to see in the first second: several.
-    errors = [error_by_the_other_camera(seed) for seed in (1, 2, 3)]
+    errors = [error_by_the_other_camera(seed) for seed in (2, 1, 3)]
     assert np.median(errors) < 0.015 and max(errors) < 0.02
 
 
@@ -45,9 +45,10 @@ def error_by_the_other_camera(seed):
     texts = (SECOND_CAMERA, BLIND, f"{{random_seed: {seed}}}")
     diagram, context, simulator = simulated(GONE - 0.05, *texts)
     learnt = output(diagram, context, "tracker", "keyframe").time
-    simulator.AdvanceTo(GONE + 2.0)
-    tracking = output(diagram, context, "tracker", "tracking")
-    assert tracking.state is TrackingState.TRACKING
+    for after in (0.5, 2.0):
+        simulator.AdvanceTo(GONE + after)
+        tracking = output(diagram, context, "tracker", "tracking")
+        assert tracking.state is TrackingState.TRACKING
     assert tracking.in_view == 0.0  # of the camera that the arm carries
     # By what the camera at its side saw nothing was learnt.
     assert output(diagram, context, "tracker", "keyframe").time <= max(learnt, GONE)

@@ -22,18 +22,20 @@ def sent(q, commands, *, measured=None, period=0.005, lead=LEAD, speed=1.0):
 
     ``measured`` says where the arm is when the desired position is q; by default just there.
     """
-    v, path, faults = np.zeros(7), [q.copy()], 0
+    v, path, velocities, faults = np.zeros(7), [q.copy()], [], 0
     for k, command in enumerate(commands):
         here = q if measured is None else measured(k, q)
         q_next, v_next = np.empty(7), np.empty(7)
         faults += drive_step_kernel(
             IIWA_7.chain, q, v, command, here, (period, lead, speed), q_next, v_next
         )
-        # What is called the desired velocity is the difference of the positions.
-        np.testing.assert_allclose(v_next * period, q_next - q, atol=1e-12)
         q, v = q_next, v_next
         path.append(q)
-    return np.array(path), faults
+        velocities.append(v)
+    # What is called the desired velocity is the difference of the positions.
+    path = np.array(path)
+    np.testing.assert_allclose(period * np.array(velocities), np.diff(path, axis=0), atol=1e-12)
+    return path, faults
 
 
 def assert_limits_kept(path, period=0.005, speed=1.0):

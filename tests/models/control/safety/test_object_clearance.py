@@ -174,7 +174,7 @@ def test_rows_are_the_rates_of_the_distances_as_hand_and_object_move(grid):
     rng = np.random.default_rng(1)
     below = forward_kinematics(Q, GRIPPER.X_FG)[:3, 3]
     checked = 0
-    for _ in range(20):
+    for _ in range(10):
         q = Q + rng.uniform(-0.02, 0.02, 7)
         R = se3.so3_exp(rng.normal(size=3))
         X_WO = at(below + rng.uniform(-0.03, 0.03, 3))
@@ -198,7 +198,7 @@ def test_rows_are_the_rates_of_the_distances_as_hand_and_object_move(grid):
         assert len(rate) > 100
         assert np.mean(error < 1e-3 * (1 + np.abs(rate))) > 0.9  # apart from faces of voxels
         checked += 1
-    assert checked > 10
+    assert checked > 5
 
 
 def test_a_finger_is_not_stopped_at_the_mouth_of_a_bowl():
