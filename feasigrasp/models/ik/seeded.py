@@ -104,6 +104,16 @@ def nearest_seeds_kernel(chain, X_WF, found):
 
 
 @compiled
+def seed_configurations_kernel(chain, seeds, q_near, found):
+    """Writes the configurations (k + 1, n) of k seeds, next to ``q_near``, and that itself."""
+    m = (chain.shape[1] - SEEDS) // 2
+    found[:] = q_near
+    for k in range(len(found) - 1):
+        for j in range(len(q_near)):
+            found[k, j] = next_to(chain[j, SEEDS + m + seeds[k]], chain, j, q_near[j])
+
+
+@compiled
 def from_seed_kernel(chain, X_WF, seed, q):
     """Writes a configuration (n,) of a pose, of any redundancy, next to what ``q`` held.
 
