@@ -19,7 +19,7 @@ from feasigrasp.models.numerics.small_cholesky import cholesky_kernel, cholesky_
 from feasigrasp.models.robot.arm import LOWER, SEEDS, UPPER
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
-#: Square of the error that ends the steps, of which there are 20 at most; after six, so does one
+#: Square of the error that ends the steps, of which there are 14 at most; after six, so does one
 #: that leaves more than this share of it. Source: numerical.
 _SOLVED, _STALLED = 1e-20, 0.9
 #: Errors of place count as this much of an angle [rad/m]. Source: numerical.
@@ -54,7 +54,7 @@ def least_squares_kernel(chain, X_WF, free, q):
     n = len(chain) - 1
     X, J, e, tool = np.empty((4, 4)), np.empty((6, n)), np.empty(6), np.eye(4)
     A, y, last = np.empty((6, 6)), np.empty(6), np.inf
-    for count in range(20):
+    for count in range(14):
         pose_jacobian_kernel(chain, q, tool, X, J)
         square = _error_kernel(X_WF, X, e)
         if square < _SOLVED:

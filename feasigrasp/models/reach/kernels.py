@@ -228,7 +228,7 @@ def _solve_all(X_WF, q_near, search, scratch, most, again):
     """Writes the solutions (m, n) of a pose, and their travel times from ``q_near``.
 
     None that take longer than ``most`` [s]. Least squares begin ``again`` at the solutions of the
-    pose before, else at its seeds; not yet where that is farther than twice as long.
+    pose before, else at its seeds; not yet where these take longer than half as much again.
     """
     chain, psis, found, seeded = search.chain, search.psis, scratch.found, is_seeded(search.chain)
     if seeded and not (again and np.isfinite(found[:, 0]).any()):
@@ -241,7 +241,7 @@ def _solve_all(X_WF, q_near, search, scratch, most, again):
             q[:] = q_near
             reached = len(q) < 7 or abs(r - q_near[6]) <= most * chain[6, VELOCITY]
             reached = reached and other_kernel(chain, X_WF, k % 8, r, q)
-        elif travel_time_kernel(chain, q, q_near) <= 2.0 * most:
+        elif travel_time_kernel(chain, q, q_near) <= 1.5 * most:
             reached = from_seed_kernel(chain, X_WF, -1, q)
             for i in range(k):  # of solutions that are alike the first is kept
                 reached &= not np.max(np.abs(found[i] - q)) < 1e-6
