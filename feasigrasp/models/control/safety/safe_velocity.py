@@ -110,6 +110,7 @@ class SafetyOptions:
     arm: Arm = IIWA_7
 
     @classmethod
+    @checked(ControlError)
     def of(cls, arm: Arm) -> SafetyOptions:
         """The defaults for an arm, approaching no quicker than it can stop."""
         most = arm.braking_rate(cls.speed * cls.velocity_scale, cls.acceleration_scale)
