@@ -222,7 +222,7 @@ class Examples:
             "InterceptionOptions.times.now": 0.5, "find_interceptions.score": np.ones(5),
             "find_interceptions.X_OG": poses, "feasible_poses.X_OG": poses,
             "feasible_poses.options": InterceptionOptions(), "feasible_poses.ahead": 0.5,
-            "feasible_poses.width": np.full(5, 0.05),
+            "feasible_poses.width": np.full(5, 0.05), "SafetyOptions.of.arm": IIWA_7,
             "find_interceptions.options": InterceptionOptions(),
             "feasible_grasps.options": InterceptionOptions(), "present": (2, 0.5),
             "RMMTaskController.options": HorizonOptions(),

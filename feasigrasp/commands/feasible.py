@@ -25,6 +25,7 @@ from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.reach import Reachability, Situation, Verdict, feasible_poses
 from feasigrasp.models.robot.arm_file import arm_names, load_arm
+from feasigrasp.models.robot.gripper_file import GRIPPERS, PACKAGED, load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.segmentation.tabletop import tabletop
 from feasigrasp.outputs import check_outputs, write_text
@@ -55,6 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--arm", default="iiwa7", help=f"One of {', '.join(arm_names())}, or the file of an arm."
     )
+    hands = ", ".join(GRIPPERS)
+    parser.add_argument("--gripper", default=PACKAGED, help=f"One of {hands}, or the file of one.")
     parser.add_argument(
         "--q",
         type=float,
@@ -106,7 +109,8 @@ def main(args: argparse.Namespace) -> int:
     q = arm.positions(np.deg2rad(args.q or bent), 1)
     V_WO = np.array([0.0, 0.0, 0.0, *args.velocity])
     now = Situation(0.0, q, np.zeros(arm.joints), _pose(args.camera_pose), V_WO)
-    found = feasible_poses(X_CG, now, Reachability(arm=arm), gpdf=gpdf, width=width)
+    reachability = Reachability(load_gripper(args.gripper), arm=arm)
+    found = feasible_poses(X_CG, now, reachability, gpdf=gpdf, width=width)
     counts = Counter(found.verdicts)
     print(f"{args.grasps.name}: {len(X_CG)} grasps, {counts[Verdict.REACHABLE]} feasible")
     for verdict, count in counts.most_common():

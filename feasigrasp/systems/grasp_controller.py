@@ -164,7 +164,7 @@ class GraspController(LeafSystem):
         super().__init__()
         self.reachability = reachability
         self.period = period
-        self._safety_options = safety or SafetyOptions(arm=reachability.arm)
+        self._safety_options = safety or SafetyOptions.of(reachability.arm)
         n = reachability.arm.joints
         self._position = self.DeclareVectorInputPort("position", n)
         self._grasps = declare_input(self, "grasps", GraspSet.empty())

@@ -50,9 +50,8 @@ class HorizonController(GraspController):
             reachability: What the arm can reach, and its gripper.
             options: Weights and limits.
         """
-        arm = reachability.arm
         self._options = options or HorizonOptions(
-            program=ProgramOptions(safety=SafetyOptions(arm=arm))
+            program=ProgramOptions(safety=SafetyOptions.of(reachability.arm))
         )
         program = self._options.program
         super().__init__(

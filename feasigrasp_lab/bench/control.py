@@ -36,6 +36,9 @@ from feasigrasp.models.choices import ControlSpace
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.arm import Arm
+from feasigrasp.models.robot.arm_file import arm_names, load_arm
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
@@ -48,6 +51,13 @@ from feasigrasp_lab.results.rows import Row, format_rows
 
 #: Where the arm is [rad]. Source: guessed.
 HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
+
+
+def _home(arm: Arm) -> Array:
+    """Where an arm is [rad]."""
+    return HOME if arm is IIWA_7 else arm.home
+
+
 #: Where the object is, and its twist [angular; linear]. Source: guessed.
 X_WO = se3.make_pose(se3.so3_exp([0.2, -0.1, 0.4]), [0.5, 0.0, 0.5])
 V_WO = np.array([0.1, 0.0, 0.2, 0.1, 0.0, 0.0])
@@ -66,11 +76,11 @@ def grasps_in_reach(
         per_group: Grasps in each, which differ by some millimetres and degrees.
         rng: Draws them.
     """
-    X_FG = reachability.gripper.X_FG
+    X_FG, arm, home = reachability.gripper.X_FG, reachability.arm, _home(reachability.arm)
     centers: list[Array] = []
     groups: list[Array] = []
     while len(groups) < n_groups:
-        center = forward_kinematics(HOME + rng.uniform(-0.9, 0.9, len(HOME)), X_FG)
+        center = forward_kinematics(home + rng.uniform(-0.9, 0.9, len(home)), X_FG, arm)
         gaps = [se3.log(se3.inverse(center) @ other) for other in centers]
         if any(np.linalg.norm(gap * _PER_METRE) < _APART for gap in gaps):
             continue
@@ -87,7 +97,13 @@ def grasps_in_reach(
 class ControllerProbe:
     """A controller after its first update, and inputs to evaluate its output with."""
 
-    def __init__(self, controller: LeafSystem, grasps: GraspSet, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        controller: LeafSystem,
+        grasps: GraspSet,
+        rng: np.random.Generator,
+        home: Array = HOME,
+    ) -> None:
         """Fixes the inputs of a controller and lets it take up the grasps."""
         # Different inputs that follow one another.
         inputs = 64
@@ -97,11 +113,11 @@ class ControllerProbe:
         fixed = {
             name: controller.GetInputPort(name).FixValue(self.context, value)
             for name, value in {
-                "position": HOME,
+                "position": home,
                 "grasps": grasps,
                 "object_pose": RigidTransform(X_WO),
                 "object_velocity": SpatialVelocity(V_WO),
-                "desired_velocity": np.zeros(len(HOME)),
+                "desired_velocity": np.zeros(len(home)),
             }.items()
         }
         self.simulator.Initialize()
@@ -114,7 +130,7 @@ class ControllerProbe:
         poses = X_WO @ se3.exp(rng.normal(0.0, 0.01, (inputs, 6)))
         self.inputs = list(
             zip(
-                HOME + rng.normal(0.0, 0.05, (inputs, len(HOME))),
+                home + rng.normal(0.0, 0.05, (inputs, len(home))),
                 map(RigidTransform, poses),
                 strict=True,
             )
@@ -215,28 +231,33 @@ def cases(seed: int) -> Iterator[Case]:
 
 
 def planning_rows(seed: int, count: int) -> list[Row]:
-    """How long the controllers plan: median, 99th percentile and worst of many updates."""
-    reachability, rows = Reachability(), []
-    for space in ControlSpace:
-        probe = safe_probe(reachability, space, seed)
+    """How long the controllers plan: median, 99th percentile and worst of many updates.
+
+    Of other arms than the iiwa 7 in task space, where an update costs as much.
+    """
+    rows, others = [], [name for name in arm_names() if name != "iiwa7"]
+    probed = [(space, "iiwa7") for space in ControlSpace]
+    for space, arm in probed + [(ControlSpace.TASK, name) for name in others]:
+        probe = safe_probe(Reachability(arm=load_arm(arm)), space, seed)
         times = probe.update_ms(probe.controller.period, count)
+        preset = f"{space}/safe" if arm == "iiwa7" else f"{space}/safe/{arm}"
         for name, value in (
             ("median", np.median(times)),
             ("p99", np.percentile(times, 99)),
             ("worst", times.max()),
         ):
-            name = f"bench.planning_ms.{name}"
-            rows.append(Row.plain(name, f"{space}/safe", value, "ms", count))
+            rows.append(Row.plain(f"bench.planning_ms.{name}", preset, value, "ms", count))
     return rows
 
 
 def safe_probe(reachability: Reachability, space: ControlSpace, seed: int) -> ControllerProbe:
     """The controller of a space in safe mode, among many grasps."""
-    rng, size = np.random.default_rng(seed), _SAFE_SIZES[space]
+    rng, size, home = np.random.default_rng(seed), _SAFE_SIZES[space], _home(reachability.arm)
     if space == ControlSpace.TASK:
         grasps = grasps_in_reach(reachability, size, _PER_GROUP, rng)
-        return ControllerProbe(RMMTaskController(reachability), grasps, rng)
-    return ControllerProbe(GPJointController(reachability), _some(reachability, size, rng), rng)
+        return ControllerProbe(RMMTaskController(reachability), grasps, rng, home)
+    some = _some(reachability, size, rng)
+    return ControllerProbe(GPJointController(reachability), some, rng, home)
 
 
 def _some(reachability: Reachability, N: int, rng: np.random.Generator) -> GraspSet:

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import check_fields, checked
-from feasigrasp.models.arrays import Array
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.grasps.filter import above_table
@@ -27,9 +27,7 @@ from feasigrasp.models.shape.gpdf_fit import Gpdf
 def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:
     """Keeps the poses at which a cup closes on the surface and the hand collides with nothing.
 
-    Everywhere under the cup the surface is at the lip, and its normal within 20 degrees of the
-    approach; the springs of the lip are strained little (`strain`). The score is the probability
-    of that, with the surface as uncertain as it is there, times that of a free hand.
+    The score is the probability that the cup seals (`seal_state`) times that of a free hand.
 
     Args:
         gpdf: Distance field in frame O.
@@ -39,17 +37,34 @@ def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:
     Returns:
         The survivors, best first, with rejections counted; the ``id`` is the number of the pose.
     """
-    # Error of the surface where it was seen, and how far off the lip it may be [m].
-    seen_error, off, most = 0.0005, 0.004, cup.max_strain
     n = len(X_OG)
     grasps = GraspSet(X_OG, np.full(n, 2.0 * cup.radius), np.ones(n), {}, np.arange(n))
     if gpdf.table is not None:
         plane = gpdf.table * [1.0, 1.0, 1.0, -1.0]
         grasps = grasps.select(above_table(grasps.X_OG, plane, cup), Rejection.HITS_TABLE)
+    there, sealed, score = seal_state(gpdf, grasps.X_OG, cup)
+    grasps = replace(grasps, score=score).select(there, Rejection.OFF_SURFACE)
+    grasps = grasps.select(sealed[there], Rejection.NOT_FLAT)
+    clearance, deviation = hand_clearance(gpdf, grasps.X_OG, cup, MARGIN)
+    free = clearance >= MARGIN + MARGIN_GROWTH * deviation
+    likely = probability(CLEARANCE, clearance_evidence(clearance, deviation))
+    grasps = replace(grasps, score=grasps.score * likely).select(free, Rejection.COLLIDES)
+    return grasps.select(np.argsort(-grasps.score, kind="stable"))
+
+
+def seal_state(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> tuple[Mask, Mask, Array]:
+    """Masks of poses (n, 4, 4) on the surface and of those that seal, and the probability of that.
+
+    Everywhere under the cup the surface is at the lip, and its normal within 20 degrees of the
+    approach; the springs of the lip are strained little (`strain`), the surface being as uncertain
+    as it is there.
+    """
+    # Error of the surface where it was seen, and how far off the lip it may be [m].
+    seen_error, off, most = 0.0005, 0.004, cup.max_strain
     # Turns about the normal have their place in common.
-    place = np.hstack([grasps.X_OG[:, :3, 3], grasps.X_OG[:, :3, 2]]).round(7)
+    place = np.hstack([X_OG[:, :3, 3], X_OG[:, :3, 2]]).round(7)
     _, first, place_of = np.unique(place, axis=0, return_index=True, return_inverse=True)
-    points, pose, place_of = cup_points(cup), grasps.X_OG[first], place_of.reshape(-1)
+    points, pose, place_of = cup_points(cup), X_OG[first], place_of.reshape(-1)
     at = pose[:, None, :3, 3] - cup.press * pose[:, None, :3, 2]
     at = at + np.einsum("nij,kj->nki", pose[:, :3, :3], points)
     gap, surface, normal = gpdf.refine(at.reshape(-1, 3), 3)
@@ -65,15 +80,8 @@ def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:
     per_metre = cup.height / (cup.radius**2 + cup.height**2)
     error = surface_deviation(gpdf, surface).reshape(gap.shape)[:, :LIP].mean(axis=1)
     score = ndtr((most - bent) / (per_metre * np.hypot(seen_error, error)))
-    kept, sealed = (np.asarray(m)[place_of] for m in (there & possible, flat & (bent <= most)))
-    grasps = replace(grasps, score=score[place_of])
-    grasps, sealed = grasps.select(kept, Rejection.OFF_SURFACE), sealed[kept]
-    grasps = grasps.select(sealed, Rejection.NOT_FLAT)
-    clearance, deviation = hand_clearance(gpdf, grasps.X_OG, cup, MARGIN)
-    free = clearance >= MARGIN + MARGIN_GROWTH * deviation
-    likely = probability(CLEARANCE, clearance_evidence(clearance, deviation))
-    grasps = replace(grasps, score=grasps.score * likely).select(free, Rejection.COLLIDES)
-    return grasps.select(np.argsort(-grasps.score, kind="stable"))
+    kept, sealed = there & possible, flat & (bent <= most)
+    return np.asarray(kept)[place_of], np.asarray(sealed)[place_of], score[place_of]
 
 
 def recheck_suction(gpdf: Gpdf, grasps: GraspSet, gripper: SuctionCup) -> GraspSet:

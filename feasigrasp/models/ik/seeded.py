@@ -19,7 +19,7 @@ from feasigrasp.models.numerics.small_cholesky import cholesky_kernel, cholesky_
 from feasigrasp.models.robot.arm import LOWER, SEEDS, UPPER
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
-#: Square of the error that ends the steps, of which there are 20 at most; after six, so does one
+#: Square of the error that ends the steps, of which there are 14 at most; after six, so does one
 #: that leaves more than this share of it. Source: numerical.
 _SOLVED, _STALLED = 1e-20, 0.9
 #: Errors of place count as this much of an angle [rad/m]. Source: numerical.
@@ -54,7 +54,7 @@ def least_squares_kernel(chain, X_WF, free, q):
     n = len(chain) - 1
     X, J, e, tool = np.empty((4, 4)), np.empty((6, n)), np.empty(6), np.eye(4)
     A, y, last = np.empty((6, 6)), np.empty(6), np.inf
-    for count in range(20):
+    for count in range(14):
         pose_jacobian_kernel(chain, q, tool, X, J)
         square = _error_kernel(X_WF, X, e)
         if square < _SOLVED:
@@ -101,6 +101,16 @@ def nearest_seeds_kernel(chain, X_WF, found):
                 cost[at], found[at] = cost[at - 1], found[at - 1]
                 at -= 1
             cost[at], found[at] = apart[s], s
+
+
+@compiled
+def seed_configurations_kernel(chain, seeds, q_near, found):
+    """Writes the configurations (k + 1, n) of k seeds, next to ``q_near``, and that itself."""
+    m = (chain.shape[1] - SEEDS) // 2
+    found[:] = q_near
+    for k in range(len(found) - 1):
+        for j in range(len(q_near)):
+            found[k, j] = next_to(chain[j, SEEDS + m + seeds[k]], chain, j, q_near[j])
 
 
 @compiled

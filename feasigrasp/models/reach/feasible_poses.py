@@ -14,10 +14,12 @@ from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.grasps.filter import above_table
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.hand_clearance import MARGIN, THIN_WALL, hand_freedom
+from feasigrasp.models.grasps.suction import seal_state
 from feasigrasp.models.quantities import POSES, ArrayOf, NotNegative
 from feasigrasp.models.reach.feasible_grasps import reasons
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation, find_interceptions
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
+from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.models.shape.gpdf import Gpdf
 
 
@@ -58,7 +60,8 @@ def feasible_poses(
         reachability: Hand, limits and clearances.
         gpdf: The object's field, and the table that it stands on (`Gpdf.table`); without one only
             the arm counts.
-        width: Distances between the contacts, if they are known, shape (n,) [m].
+        width: Distances between the contacts, if they are known, shape (n,) [m]; of no matter to a
+            suction cup, which has to seal on the field instead.
         options: Of the search for interceptions.
         ahead: When ``later`` is, from now on [s].
 
@@ -68,7 +71,8 @@ def feasible_poses(
     if not now.known:
         raise ReachabilityError("feasible_poses: pose and twist of the object have to be finite")
     poses, options, hand = np.asarray(X_OG), options or InterceptionOptions(), reachability.gripper
-    widths = np.full(len(poses), THIN_WALL) if width is None else np.asarray(width)
+    cup = hand if isinstance(hand, SuctionCup) else None
+    widths = np.full(len(poses), THIN_WALL) if width is None or cup else np.asarray(width)
     verdicts = np.full(len(poses), Verdict.REACHABLE, dtype=object)
     left = np.arange(len(poses))
 
@@ -76,12 +80,16 @@ def feasible_poses(
         verdicts[left[~kept]] = reason
         return left[kept]
 
-    if width is not None:
+    if width is not None and cup is None:
         left = drop(widths <= hand.max_opening - 2 * MARGIN, Rejection.TOO_WIDE)
     if gpdf is not None:
         if gpdf.table is not None:
             plane = gpdf.table * [1.0, 1.0, 1.0, -1.0]
             left = drop(above_table(poses[left], plane, hand), Rejection.HITS_TABLE)
+        if cup is not None:
+            there, sealed, _ = seal_state(gpdf, poses[left], cup)
+            left, sealed = drop(there, Rejection.OFF_SURFACE), sealed[there]
+            left = drop(sealed, Rejection.NOT_FLAT)
         grasps = GraspSet(poses[left], widths[left], np.ones(len(left)))
         free, _ = hand_freedom(gpdf, grasps, np.full(len(left), np.nan), hand, 0)
         left = drop(free, Rejection.COLLIDES)

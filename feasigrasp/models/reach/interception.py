@@ -30,7 +30,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.continuation import (
     branch_kernel,
     flange_pose_kernel,
-    is_seeded,
+    is_srs,
     redundancy_kernel,
     solve_kernel,
 )
@@ -372,13 +372,17 @@ def _interceptions_kernel(ahead, X_OG, present_branch, present_psi, found):
     o, q, search, chain = ahead.options[0], ahead.q, ahead.search, ahead.search.chain
     cost, arrival, q_there, v_there, branches, psis = found
     scratch, X_WF = make_scratch(search, q), np.empty((4, 4))
-    there, velocity = q.copy(), np.empty(len(q))
+    there, velocity, last = q.copy(), np.empty(len(q)), int(o.latest)
     for i in range(len(X_OG)):
-        bound = present_branch >= 0 and i == len(X_OG) - 1
-        for k in range(int(o.latest) + 1):
+        bound, again, met = present_branch >= 0 and i == len(X_OG) - 1, False, True
+        for at in range(last + 1):
+            # Of an arm that is not S-R-S the later of two instants comes first; if none is met
+            # then, none is looked for at the earlier one.
+            k = at if bound or is_srs(chain) else min(at ^ 1, last)
             due = ahead.start + o.step * k
-            if due >= cost[i]:
-                break
+            if due >= cost[i] or (k < at and not met):
+                continue
+            met = False
             flange_pose_kernel(ahead.X_WO[k], X_OG[i], 0.0, ahead.X_GF, X_WF)
             if hand_verdict_kernel(X_WF, search, scratch.ends) != REACHABLE:
                 continue
@@ -387,7 +391,9 @@ def _interceptions_kernel(ahead, X_OG, present_branch, present_psi, found):
                 if not solve_kernel(chain, X_WF, present_branch, present_psi, there):
                     continue
             else:
-                circle = start_kernel(X_WF, q, search, scratch)
+                most = due + _IN_TIME if k < last else np.inf
+                circle = start_kernel(X_WF, q, search, scratch, most, again and k < last)
+                again = True
                 if not circle.reached:
                     continue
             for _ in range(1 if bound else int(o.tries)):
@@ -397,15 +403,14 @@ def _interceptions_kernel(ahead, X_OG, present_branch, present_psi, found):
                     branch, psi = present_branch, present_psi
                 else:
                     time = next_kernel(circle, search, scratch)
-                    if time > due + _IN_TIME and (time == np.inf or k < int(o.latest)):
+                    if time > due + _IN_TIME and (time == np.inf or k < last):
                         break
                     there[:] = scratch.q
                     psi = redundancy_kernel(chain, there)
-                    if is_seeded(chain) and scratch.seeds[16] >= 0:
-                        branch = scratch.seeds[16]
-                    else:
-                        branch = branch_kernel(chain, there)
+                    branch = -1 if is_srs(chain) else scratch.seeds[16]
+                    branch = branch_kernel(chain, there) if branch < 0 else branch
                 one, then = _cost_kernel(ahead, k, X_OG[i], there, branch, psi, velocity)
+                met |= one < np.inf
                 if one < cost[i]:
                     cost[i], arrival[i], branches[i], psis[i] = one, then, branch, psi
                     q_there[i], v_there[i] = there, velocity

@@ -24,7 +24,11 @@ from feasigrasp.models.ik.redundancy import (
     segments_kernel,
     travel_times_kernel,
 )
-from feasigrasp.models.ik.seeded import from_seed_kernel, nearest_seeds_kernel
+from feasigrasp.models.ik.seeded import (
+    from_seed_kernel,
+    nearest_seeds_kernel,
+    seed_configurations_kernel,
+)
 from feasigrasp.models.ik.self_motion import (
     REACHED,
     arm_angle_kernel,
@@ -36,7 +40,7 @@ from feasigrasp.models.ik.self_motion import (
 )
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import dot, minus, step
-from feasigrasp.models.robot.arm import LOWER, UPPER
+from feasigrasp.models.robot.arm import LOWER, UPPER, VELOCITY
 from feasigrasp.models.robot.capsule_kernels import closest_parameters, end_point, is_clear_kernel
 from feasigrasp.models.robot.capsules import CapsuleModel
 
@@ -88,8 +92,8 @@ class Scratch(NamedTuple):
         samples: Arm angles to choose the nearest configuration from, of an S-R-S arm.
         segments: The exact intervals of arm angle, likewise.
         found: Of another arm, the solutions of a pose for each redundancy and branch, shape (m, n).
-        seeds: Of an arm without a closed form, the 16 nearest to a pose, and that of the solution
-            in ``q``, negative for none, shape (17,).
+        seeds: Of an arm without a closed form, the 16 nearest to a pose; and of any that is not
+            S-R-S the branch of the solution in ``q``, negative for none; shape (17,).
         time: When the arm is there, infinite where it must not be, shape (m,) [s].
         q: The configuration that is being tried, shape (7,).
         ends: Ends of the hand's capsules in the base frame, shape (c, 2, 3).
@@ -110,7 +114,8 @@ def make_scratch(search, q_near):
 
     So the nearest solution moves smoothly with the pose.
     """
-    srs, n, m = is_srs(search.chain), len(q_near), 8 * (len(search.psis) + 1)
+    srs, n, m = is_srs(search.chain), len(q_near), 8 * len(search.psis)
+    m += 8 if n > 6 or is_seeded(search.chain) else 0
     return Scratch(
         redundancy_samples_kernel(
             search.psis, arm_angle_kernel(search.chain, q_near) if srs else np.nan
@@ -219,19 +224,28 @@ def _all_candidates(circle, search, scratch):
 
 
 @compiled
-def _solve_all(X_WF, q_near, search, scratch):
-    """Writes the solutions (m, n) of a pose, and their travel times from ``q_near``."""
-    chain, psis, seeded = search.chain, search.psis, is_seeded(search.chain)
-    if seeded:
+def _solve_all(X_WF, q_near, search, scratch, most, again):
+    """Writes the solutions (m, n) of a pose, and their travel times from ``q_near``.
+
+    None that take longer than ``most`` [s]. Least squares begin ``again`` at the solutions of the
+    pose before, else at its seeds; not yet where these take longer than half as much again.
+    """
+    chain, psis, found, seeded = search.chain, search.psis, scratch.found, is_seeded(search.chain)
+    if seeded and not (again and np.isfinite(found[:, 0]).any()):
         nearest_seeds_kernel(chain, X_WF, scratch.seeds[:16])
-    for k in range(len(scratch.found)):
-        q, j = scratch.found[k], k // 8
-        r = psis[j] if j < len(psis) else redundancy_kernel(chain, q_near)
-        q[:] = q_near
-        if seeded:
-            reached = from_seed_kernel(chain, X_WF, scratch.seeds[k - 1] if k > 0 else -1, q)
-        else:
-            reached = other_kernel(chain, X_WF, k % 8, r, q)
+        seed_configurations_kernel(chain, scratch.seeds, q_near, found)
+    for k in range(len(found)):
+        q, j, reached = found[k], k // 8, False
+        if not seeded:
+            r = psis[j] if j < len(psis) else redundancy_kernel(chain, q_near)
+            q[:] = q_near
+            reached = len(q) < 7 or abs(r - q_near[6]) <= most * chain[6, VELOCITY]
+            reached = reached and other_kernel(chain, X_WF, k % 8, r, q)
+        elif travel_time_kernel(chain, q, q_near) <= 1.5 * most:
+            reached = from_seed_kernel(chain, X_WF, -1, q)
+            for i in range(k):  # of solutions that are alike the first is kept
+                reached &= not np.max(np.abs(found[i] - q)) < 1e-6
+            q[0] = q[0] if reached else np.nan
         inside = reached and inside_limits_kernel(chain, q, search.limit_margin)
         scratch.time[k] = travel_time_kernel(chain, q, q_near) if inside else np.inf
 
@@ -269,17 +283,18 @@ def _first_solution(X_WF, search, scratch):
 
 
 @compiled
-def start_kernel(X_WF, q_near, search, scratch):
+def start_kernel(X_WF, q_near, search, scratch, most, again):
     """The `SelfMotion` of a pose, and all travel times from ``q_near``, for `next_kernel`.
 
-    Of an arm that is not S-R-S only whether it is reached.
+    Of an arm that is not S-R-S there is none; times above ``most`` [s] may be left out, and
+    ``again`` is said of a pose near the last one.
     """
     if is_srs(search.chain):
         circle = self_motion_kernel(search.chain, X_WF)
         if circle.reached:
             travel_times_kernel(search.chain, circle, q_near, search.limit_margin, scratch.samples)
         return circle
-    _solve_all(X_WF, q_near, search, scratch)
+    _solve_all(X_WF, q_near, search, scratch, most, again)
     return REACHED
 
 
@@ -296,7 +311,9 @@ def next_kernel(circle, search, scratch):
     if shortest < np.inf:
         scratch.time[index] = np.inf
         scratch.q[:] = scratch.found[index]
-        scratch.seeds[16] = scratch.seeds[index - 1] if index > 0 else -1
+        scratch.seeds[16] = index % 8
+        if is_seeded(search.chain):
+            scratch.seeds[16] = scratch.seeds[index] if index < len(scratch.time) - 1 else -1
     return shortest
 
 
@@ -328,7 +345,7 @@ def nearest_kernel(X_WF, q_near, search, scratch, q_best):
     """
     if hand_verdict_kernel(X_WF, search, scratch.ends) != REACHABLE:
         return np.inf
-    circle = start_kernel(X_WF, q_near, search, scratch)
+    circle = start_kernel(X_WF, q_near, search, scratch, np.inf, False)
     if not circle.reached:
         return np.inf
     while next_kernel(circle, search, scratch) < np.inf:

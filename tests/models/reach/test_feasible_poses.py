@@ -1,23 +1,28 @@
 """Grasps of others are judged as the pipeline judges its own."""
 
 import json
+from collections import Counter
 
 import numpy as np
 import pytest
+import trimesh
 
 from feasigrasp import cli
 from feasigrasp.errors import InputError, ReachabilityError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.suction import SuctionSampler, filter_suction
 from feasigrasp.models.reach import (
     InterceptionOptions,
     Reachability,
     Situation,
+    Verdict,
     feasible_grasps,
     feasible_poses,
 )
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.runs.results.grasps_file import read_grasps, write_grasps
 
@@ -82,6 +87,29 @@ def test_hand_object_and_table_come_first():
         feasible_poses(X_OG, situation(X_WO=np.full((4, 4), np.nan)), REACH)
 
 
+def test_a_suction_cup_is_judged_as_by_its_own_filter():
+    box = trimesh.creation.box([0.12, 0.12, 0.06])
+    gpdf = fit_gpdf(np.asarray(trimesh.sample.sample_surface(box, 1500, seed=0)[0]))
+    object.__setattr__(gpdf, "table", np.array([0.0, 0.0, 1.0, 0.03]))
+    cup, rng = SuctionCup(), np.random.default_rng(0)
+    poses = SuctionSampler(cup, n_candidates=400).candidates(gpdf)[0]
+    poses = poses @ se3.exp(rng.normal(0.0, 1.0, (len(poses), 6)) * ([0.1] * 3 + [0.002] * 3))
+    now = situation(X_WO=se3.make_pose(np.eye(3), [0.5, 0.0, 0.3]))
+    reachability = Reachability(cup)
+    found = feasible_poses(poses, now, reachability, gpdf=gpdf, width=np.full(len(poses), 0.001))
+    kept = filter_suction(gpdf, poses, cup)
+    of_arm = set(Verdict)
+    ours = [k for k, verdict in enumerate(found.verdicts) if verdict in of_arm]
+    np.testing.assert_array_equal(ours, np.sort(kept.id))
+    counts = {v: n for v, n in Counter(found.verdicts).items() if v not in of_arm}
+    assert counts == dict(kept.rejected)
+    assert {"hits the table", "off the surface", "not flat enough for the cup"} <= set(counts)
+    assert found.verdicts.count("reachable") >= 10
+    # Without a field only the arm counts, whatever the width.
+    alone = feasible_poses(poses, now, reachability, width=np.full(len(poses), 0.2))
+    assert set(alone.verdicts) <= of_arm
+
+
 @pytest.mark.parametrize("end", ["json", "npz", "npy"])
 def test_files_of_grasps_come_back(end, tmp_path):
     poses, rng = some_poses(5), np.random.default_rng(0)
@@ -104,6 +132,9 @@ def test_the_command_says_why(tmp_path, capsys):
     said, written = capsys.readouterr().out, json.loads(out.read_text())
     feasible = written["verdicts"].count("reachable")
     assert f"50 grasps, {feasible} feasible" in said and len(written["arrival_s"]) == 50
+    assert cli.main([*argv, "--gripper", "suction"]) == 0
+    by_cup = json.loads(out.read_text())["verdicts"]
+    assert Counter(by_cup)["reachable"] > 0 and by_cup != written["verdicts"]
     np.save(tmp_path / "wrong.npy", np.zeros((3, 5)))
     with pytest.raises(InputError, match="give poses of shape"):
         read_grasps(tmp_path / "wrong.npy")

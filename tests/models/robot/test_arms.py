@@ -73,6 +73,15 @@ def test_forward_kinematics_are_a_product_of_turns(name):
         np.testing.assert_allclose(forward_kinematics(q, X_FT, arm), X_WT, atol=1e-13)
 
 
+@pytest.mark.parametrize("name", ARMS)
+def test_no_arm_approaches_quicker_than_it_can_stop(name):
+    arm = load_arm(name)
+    options = SafetyOptions.of(arm)
+    brakes = options.acceleration_scale * arm.acceleration_limits
+    rates = brakes / (options.velocity_scale * arm.velocity_limits)
+    assert options.approach_gain == min(3.3, rates.min())
+
+
 @pytest.mark.parametrize("name", [*ARMS, "tilted"])
 def test_jacobian_is_the_derivative(name):
     arm, step = any_arm(name), 1e-6

@@ -9,6 +9,8 @@ from drake import lcmt_iiwa_command, lcmt_iiwa_status, lcmt_image, lcmt_image_ar
 from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 
+from feasigrasp.models.control.safety.command_guard import CommandGuard
+from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
@@ -163,6 +165,28 @@ def test_it_starts_where_the_arm_is_and_keeps_the_limits(wire):
     assert (np.abs(v) <= IIWA_7.velocity_limits).all()
     assert (np.abs(a[1:]) <= IIWA_7.acceleration_limits * (1 + 1e-6)).all()
     assert np.abs(v).max() > 0.1  # it does move
+
+
+def test_an_arm_of_six_joints_moves_within_its_limits():
+    """As with ``--arm ur5e`` in both commands."""
+    text = "{arm: ur5e, perception: {execution: inline}}"
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", text)
+    arm, lcm, time, sent = load_arm("ur5e"), DrakeLcm("memq://"), 0.0, []
+    simulator = Simulator(make_simulated_cell(scenario, lcm))
+    loop = ControlLoop(scenario, lcm)
+    guard = Guard(lcm, CommandGuard(channels.IIWA_PERIOD, arm=arm), clock=lambda: time)
+    lcm.Subscribe(channels.IIWA_COMMAND, lambda data: sent.append(lcmt_iiwa_command.decode(data)))
+    for k in range(1, 181):
+        time = k * channels.IIWA_PERIOD
+        simulator.AdvanceTo(time)
+        loop.step(0.0)
+    Q = np.array([message.joint_position for message in sent])
+    assert len(Q) > 100 and Q.shape[1] == 6 and guard.dropped.total() == 0
+    np.testing.assert_allclose(Q[0], arm.home, atol=1e-3)
+    v = np.diff(Q, axis=0) / channels.IIWA_PERIOD
+    a = np.diff(v, axis=0) / channels.IIWA_PERIOD
+    assert (np.abs(v) <= arm.velocity_limits).all() and np.abs(v).max() > 0.1
+    assert (np.abs(a) <= arm.acceleration_limits * (1 + 1e-6)).all()
 
 
 def test_the_arm_does_what_is_asked_for(wire):

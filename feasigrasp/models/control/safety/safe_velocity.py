@@ -109,6 +109,13 @@ class SafetyOptions:
     damping: float = 1e-3
     arm: Arm = IIWA_7
 
+    @classmethod
+    @checked(ControlError)
+    def of(cls, arm: Arm) -> SafetyOptions:
+        """The defaults for an arm, approaching no quicker than it can stop."""
+        most = arm.braking_rate(cls.speed * cls.velocity_scale, cls.acceleration_scale)
+        return cls(arm=arm, approach_gain=min(cls.approach_gain, most))
+
     def __post_init__(self) -> None:
         """Checks the numbers.
 
