@@ -83,6 +83,11 @@ class DriverClock:
         return statistics.median(self._intervals) if self._intervals else self.period
 
     @property
+    def due(self) -> float:
+        """When the next message is due by this computer's clock [s]; NaN if that is unknown."""
+        return self._on_time + self._ratio * self.period
+
+    @property
     def shortest(self) -> float:
         """Shortest cycle of late by this computer's clock [s]."""
         return max(min(self._intervals, default=0.0), JITTER * self.period)
@@ -131,7 +136,7 @@ class DriverClock:
         self._compare(stamp, self._now, again=not (gap or in_turn))
         self.passed = max(passed, self.period) if gap else self.period
         self._stamp, self.missing = stamp, 0
-        late = self._now - self._on_time - self._ratio * self.period
+        late = self._now - self.due
         # When it was sent: a message that is late moves that a little.
         self._on_time = self._now - (0.9 * late if in_turn and late > 0.0 else 0.0)
         # The next instant makes up for half of the error.
