@@ -84,7 +84,7 @@ class Rig:
             self.send(channels.IIWA_REQUEST, self.request())
         self.behind = 0.0
         looks = 0.0 if stopped else self.rng.uniform(0.05, 0.15)
-        missing = [(k * looks, None, None) for k in range(1, int(looks and 1.0 / looks))]
+        missing = [(k * looks, None, None) for k in range(1, int(looks and 0.999 / looks) + 1)]
         for share, channel, message in sorted([*between, *missing], key=lambda event: event[0]):
             self.now = begin + share * self.T
             if channel is None:

@@ -27,7 +27,9 @@ from feasigrasp.models.faults.fault import (
 )
 from feasigrasp.models.faults.images import (
     CameraBlack,
+    CameraFrozen,
     CameraGone,
+    CameraMirrored,
     MaskDilated,
     MaskEmpty,
     MaskEroded,
@@ -52,6 +54,8 @@ AnyFault = typing.Union[  # noqa: UP007 - the form of Drake's own schema
     Untagged,
     CameraGone,
     CameraBlack,
+    CameraFrozen,
+    CameraMirrored,
     OnePlane,
     Outliers,
     MaskShifted,

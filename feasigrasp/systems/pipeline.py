@@ -78,10 +78,10 @@ class Cell:
         station: The cell.
         mask: The function that segments images; None for what the scenario says.
         signals: Sources that the table of connections names by one word. ``measured_pose``,
-            ``cloud``, ``labels``, ``field`` and ``velocity`` are ports behind the scenario's
-            faults; ``exposed`` is when the last view was taken; ``color``, ``hand_camera``,
-            ``hand_phase``, ``remote_stamp`` and ``second_...`` are there where this scenario needs
-            them.
+            ``cloud``, ``depth``, ``labels``, ``field`` and ``velocity`` are ports behind the
+            scenario's faults; ``exposed`` is when the last view was taken; ``color``,
+            ``hand_camera``, ``hand_phase``, ``remote_stamp`` and ``second_...`` are there where
+            this scenario needs them.
     """
 
     builder: DiagramBuilder
@@ -194,12 +194,14 @@ def add_perception(
         for name in ("point_cloud", "label_image", "pose")
     )
     label, no_scene = station.object_label, station.robot_and_object_labels()
+    depth, cloud = cell.faults.depth(cell.camera_port("depth_image"), cloud, camera_pose)
+    cell.signal("depth", depth)
     cell.signal("cloud", cell.faults.cloud(cloud, labels, camera_pose, label))
     by_depth = config.segmentation == Segmentation.DEPTH
     if by_depth:
         no_scene = [Label.OBJECT, Label.ROBOT, Label.UNCLEAR, Label.CARRIER]
         foreground = make_foreground_segmentation(cell.scenario, cell.gripper, mask=cell.mask)
-        labels = cell.add("foreground", foreground).get_output_port()
+        labels = cell.add("foreground", foreground).GetOutputPort("label_image")
         segment = make_object_pixels(cell.scenario)
     else:
         segment = SegmentPointCloud(label, camera=make_camera(cell.scenario), hiding=no_scene)

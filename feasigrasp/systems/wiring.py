@@ -50,11 +50,12 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "object_pose": _POSE_AT_VIEW,
         "tracking": "tracker.tracking",
         "gpdf": "field",
+        "depth_image": "depth",
     },
     "segmentation": {
         "point_cloud": "cloud",
         "label_image": "labels",
-        "depth_image": "camera.depth_image",
+        "depth_image": "depth",
     },
     "second_foreground": {
         "point_cloud": "second.point_cloud",
@@ -66,6 +67,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "object_pose": _POSE_AT_VIEW,
         "tracking": "tracker.tracking",
         "gpdf": "field",
+        "depth_image": "second.depth_image",
     },
     "second_segmentation": {
         "point_cloud": "second.point_cloud",
@@ -76,7 +78,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "pose": "measured_pose",
         "stamp": "station.object.stamp",
         "point_cloud": "segmentation.point_cloud",
-        "depth_image": "camera.depth_image",
+        "depth_image": "depth",
         "image_time": "camera.stamp",
         "camera_pose": "camera.pose",
         "second_point_cloud": "second_segmentation.point_cloud",
@@ -90,7 +92,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
     "remote_tracker": {
         "point_cloud": "cloud",
         "color_image": "color",
-        "depth_image": "camera.depth_image",
+        "depth_image": "depth",
         "image_time": "camera.stamp",
         "stamp": "camera.stamp",
         "camera_pose": "camera.pose",
@@ -202,6 +204,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "desired_velocity": "drive.desired_velocity",
         "touches": "contact_sense.touches",
         "lapsed": "lapsed.sum",
+        "contradicted": "foreground.contradicted",
     },
     "true_pose_at_view": {"pose": "station.object.pose", "stamp": "tracker.stamp"},
     "true_frame": {

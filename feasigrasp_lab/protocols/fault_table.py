@@ -21,7 +21,9 @@ from feasigrasp.models.faults.fault import (
 )
 from feasigrasp.models.faults.images import (
     CameraBlack,
+    CameraFrozen,
     CameraGone,
+    CameraMirrored,
     MaskDilated,
     MaskEmpty,
     MaskEroded,
@@ -78,6 +80,7 @@ class StudiedFault:
 #: Statuses of a tracker that does not see the object.
 LOST = ("pose_lost", "looking_for_object")
 _UNOBSERVED = ("nothing_seen", "no_grasp", "views_dropped")
+_CONTRADICTED = ("camera_contradicted", "pose_contradicted")
 _DOUBTED = ("pose_jumped", "pose_contradicted", "pose_lost", "views_dropped")
 _KEEP = "grasps of the earlier views stay good, since the pose is tracked; without any it waits"
 _DROP = "views that contradict the others, or cannot be fitted, are dropped and counted"
@@ -91,6 +94,12 @@ FAULTS: dict[str, StudiedFault] = {
     ),
     "camera_black": StudiedFault(
         "every depth is zero: all points are in the camera", _DROP, CameraBlack(), _UNOBSERVED
+    ),
+    "camera_frozen": StudiedFault(
+        "one image comes again and again", _DROP, CameraFrozen(), (*_UNOBSERVED, *_CONTRADICTED)
+    ),
+    "camera_mirrored": StudiedFault(
+        "left is right in every image", _DROP, CameraMirrored(), (*_UNOBSERVED, *_CONTRADICTED)
     ),
     "one_plane": StudiedFault(
         "all points of the object lie on one plane",

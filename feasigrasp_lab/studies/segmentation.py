@@ -61,7 +61,7 @@ def first_mask_iou(scenario: Scenario) -> float:
         ("color_image", station.GetOutputPort(f"{camera}.color_image").Eval(at_start)),
     ):
         foreground.GetInputPort(name).FixValue(context, value)
-    labels = foreground.get_output_port().Eval(context).data[:, :, 0]
+    labels = foreground.GetOutputPort("label_image").Eval(context).data[:, :, 0]
     true_labels = station.GetOutputPort(f"{camera}.label_image").Eval(at_start).data[:, :, 0]
     measured = np.isfinite(cloud.xyzs()).all(axis=0).reshape(labels.shape)
     truth = true_labels == int(station.object_body.index())

@@ -5,13 +5,13 @@ import pytest
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.sensors import ImageRgba8U
+from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.segmentation.foreground import Label
-from feasigrasp.models.segmentation.modeled_bodies import ModeledBodies
+from feasigrasp.models.segmentation.modeled_bodies import Boxes, ModeledBodies
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
@@ -66,7 +66,7 @@ def test_its_label_image_fits_the_port_of_the_point_cloud(dut, fixed_context):
     # An arm at zero stands along the z axis, through which the camera looks up: beside it is free.
     cloud, shown = plate(at=0.9, first_column=42)
     context = fixed_context(dut, **inputs(cloud))
-    labels = dut.get_output_port().Eval(context)
+    labels = dut.GetOutputPort("label_image").Eval(context)
     assert set(np.unique(labels.data)) <= {int(label) for label in Label}
     segment = SegmentPointCloud(Label.OBJECT, edge_jump=None)
     of_object = fixed_context(segment, point_cloud=cloud, label_image=labels)
@@ -78,14 +78,40 @@ def test_its_label_image_fits_the_port_of_the_point_cloud(dut, fixed_context):
 def test_a_cloud_of_another_size_is_refused(dut, fixed_context):
     context = fixed_context(dut, **inputs(PointCloud(5)))
     with pytest.raises(ValueError, match="5 points.*64 x 48 pixels"):
-        dut.get_output_port().Eval(context)
+        dut.GetOutputPort("label_image").Eval(context)
 
 
 def test_without_any_depth_nothing_is_the_object(dut, fixed_context):
     cloud = PointCloud(64 * 48)
     cloud.mutable_xyzs()[:] = np.inf
-    labels = dut.get_output_port().Eval(fixed_context(dut, **inputs(cloud)))
+    labels = dut.GetOutputPort("label_image").Eval(fixed_context(dut, **inputs(cloud)))
     assert (labels.data == Label.SURROUNDINGS).all()
+
+
+@pytest.mark.parametrize(("depth", "named"), [(0.5, False), (0.55, False), (0.7, True)])
+def test_images_that_look_through_the_cell_are_not_used(depth, named):
+    """A wall is 0.5 m away; from the third image that shows it farther away on it is said."""
+    wall = np.eye(4)
+    wall[2, 3] = 1.0
+    cell = Boxes(wall[None], np.array([[2.0, 2.0, 0.5]]), np.array([True]))
+    dut = ForegroundSegmentation(CAMERA, ModeledBodies(ParallelGripper(), cell), period=0.1)
+    image = ImageDepth32F(64, 48)
+    image.mutable_data[:] = depth
+    simulator, said = Simulator(dut), []
+    context = simulator.get_mutable_context()
+    for name, value in (inputs(plate(depth)[0]) | {"depth_image": image}).items():
+        dut.GetInputPort(name).FixValue(context, value)
+    for k in range(6):
+        simulator.AdvanceTo(0.1 * k + 0.05)
+        said.append(dut.GetOutputPort("contradicted").Eval(context))
+    assert said == [False, False, *[named] * 4]
+    unclear = dut.GetOutputPort("label_image").Eval(context).data == Label.UNCLEAR
+    assert unclear.all() == named
+    image.mutable_data[:] = 0.5
+    image.mutable_data[4, 4] = 0.7  # the camera sees so far
+    dut.GetInputPort("depth_image").FixValue(context, image)
+    simulator.AdvanceTo(0.75)
+    assert not dut.GetOutputPort("contradicted").Eval(context)
 
 
 @pytest.mark.parametrize(("name", "seed"), [("ReachLinearMocap", 0), ("ReachObstacleMocap", 1)])
@@ -110,7 +136,7 @@ def test_in_the_diagram_it_takes_the_place_of_the_label_image():
     of_station = station.GetMyContextFromRoot(context)
     points = diagram.GetSubsystemByName("segmentation").GetOutputPort("point_cloud")
     seen = points.Eval(diagram.GetSubsystemByName("segmentation").GetMyContextFromRoot(context))
-    labels = foreground.get_output_port().Eval(foreground.GetMyContextFromRoot(context))
+    labels = foreground.GetOutputPort("label_image").Eval(foreground.GetMyContextFromRoot(context))
     truth = station.GetOutputPort("wrist_camera.label_image").Eval(of_station)
     mask = truth.data == int(station.object_body.index())
     assert intersection_over_union(labels.data == Label.OBJECT, mask) > 0.8
@@ -122,7 +148,7 @@ def test_in_the_diagram_it_takes_the_place_of_the_label_image():
 def masks(diagram, context, *others):
     """Of the object, as it was found, and how many pixels of it show each of some labels."""
     foreground, station = map(diagram.GetSubsystemByName, ("foreground", "station"))
-    found = foreground.get_output_port().Eval(foreground.GetMyContextFromRoot(context))
+    found = foreground.GetOutputPort("label_image").Eval(foreground.GetMyContextFromRoot(context))
     of_station = station.GetMyContextFromRoot(context)
     truth = station.GetOutputPort("wrist_camera.label_image").Eval(of_station).data
     mask = found.data == Label.OBJECT

@@ -32,6 +32,7 @@ class StatusCode(StrEnum):
     HOLDING = "holding"
     DONE = "done"
     TOUCHED = "touched"
+    CAMERA_CONTRADICTED = "camera_contradicted"
     POSE_JUMPED = "pose_jumped"
     LOOKING_FOR_OBJECT = "looking_for_object"
     POSE_LOST = "pose_lost"
@@ -73,6 +74,7 @@ class Situation:
         search_target: Whether the arm looks for the object.
         looking: Whether it looks at the object from another side.
         contradicted: Whether the camera contradicts that pose.
+        camera_contradicted: Whether the images are not of the camera's pose.
         lapsed: Whether the process that perceives is gone.
         seen: Whether there is a field of the object.
         views_dropped: Why views of late could not be used, if any were dropped; else empty.
@@ -96,6 +98,7 @@ class Situation:
     search_target: bool = False
     looking: bool = False
     contradicted: bool = False
+    camera_contradicted: bool = False
     lapsed: bool = False
     seen: bool = True
     views_dropped: str = ""
@@ -142,6 +145,9 @@ def judge(now: Situation) -> tuple[StatusCode, str]:
 
 
 def _pose(now: Situation) -> tuple[StatusCode, str] | None:
+    if now.camera_contradicted:
+        cause = "frozen, mirrored, or its pose or the modeled cell is wrong"
+        return StatusCode.CAMERA_CONTRADICTED, f"the camera looks through the cell: {cause}"
     if now.tracking is not None and now.tracking.jumping:
         return StatusCode.POSE_JUMPED, "measurements say that the object is somewhere else"
     if now.tracking is not None and now.search_target:

@@ -59,6 +59,33 @@ class CameraBlack(CloudFault):
 
 
 @dataclass
+class DepthFault(Fault):
+    """A fault of depth images, and of the points that are made of them; derive from it."""
+
+    def depth(self, image: Array, first: Array) -> Array:
+        """Delivered instead of an image (h, w, 1) [m]; ``first`` is that when the fault began."""
+        raise NotImplementedError
+
+
+@dataclass
+class CameraFrozen(DepthFault):
+    """One image comes again and again, as if it were new."""
+
+    def depth(self, image: Array, first: Array) -> Array:
+        """The first one."""
+        return first
+
+
+@dataclass
+class CameraMirrored(DepthFault):
+    """Images are mirrored: left is right."""
+
+    def depth(self, image: Array, first: Array) -> Array:
+        """Each row in reverse."""
+        return image[:, ::-1]
+
+
+@dataclass
 class OnePlane(CloudFault):
     """All pixels of the object have the same depth: its points lie on one plane."""
 

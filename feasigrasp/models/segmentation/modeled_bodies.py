@@ -8,12 +8,13 @@ it lies in it, or no farther from it than `MARGIN` and what the camera's noise e
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array, Floats, Mask
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
@@ -69,10 +70,12 @@ class Boxes(NamedTuple):
     Attributes:
         X_WB: Poses of their middles, shape (k, 4, 4).
         half: Half their sizes, shape (k, 3) [m].
+        solid: Which are bodies themselves, and not boxes about some, shape (k,); none by default.
     """
 
     X_WB: Array
     half: Array
+    solid: Mask = np.zeros(0, dtype=bool)
 
     @classmethod
     def none(cls) -> Boxes:
@@ -123,12 +126,47 @@ class ModeledBodies:
 
     def __init__(self, gripper: Gripper, cell: Boxes | None = None, arm: Arm = IIWA_7) -> None:
         """An arm that carries ``gripper`` in a cell of boxes, by default an empty one."""
-        self.gripper, self.arm, self._cell = gripper, arm, cell or Boxes.none()
+        self.gripper, self.arm, self.cell = gripper, arm, cell or Boxes.none()
         self._capsules = capsule_model(arm=arm, with_hand=False)
 
     def hand(self, q: Array) -> Array:
         """Position of the hand at joint positions (7,) [rad], shape (3,) [m]."""
         return forward_kinematics(q, self.gripper.X_FG, self.arm)[:3, 3]
+
+    def looked_through(self, depth: NDArray[Any], X_WC: Array, camera: Camera) -> bool | None:
+        """Whether a depth image looks through the cell, by ray casting (slab method).
+
+        What is not modeled hides the cell, but an image that shows what is behind it is not of that
+        pose: it is frozen, mirrored or of another time.
+
+        Args:
+            depth: 0 or NaN where nothing was measured and infinite where nothing is, shape
+                (height, width) [m].
+            X_WC: Pose of the camera, shape (4, 4).
+            camera: The camera.
+
+        Returns:
+            None where less than 3 % of the image is of the cell.
+        """
+        # One pixel in this number of rows and columns is compared.
+        step = 8
+        v, u = np.mgrid[step // 2 : camera.height : step, step // 2 : camera.width : step]
+        rays = camera.rays(u.ravel(), v.ravel()) @ X_WC[:3, :3].T
+        solid = np.flatnonzero(self.cell.solid)
+        X_WB, half = self.cell.X_WB[solid], self.cell.half[solid, None]
+        d, p_BC = rays @ X_WB[:, :3, :3], (X_WC[:3, 3] - X_WB[:, None, :3, 3]) @ X_WB[:, :3, :3]
+        with np.errstate(divide="ignore", invalid="ignore"):  # along a face, or in it
+            ends = (-half - p_BC) / d, (half - p_BC) / d
+        enter, leave = np.minimum(*ends).max(axis=2), np.maximum(*ends).min(axis=2)
+        entered = (enter > 0.0) & (enter < leave)
+        expected = np.where(entered, enter, np.inf).min(axis=0, initial=np.inf)
+        measured = depth[v, u].ravel()
+        # No farther than this camera measures.
+        shown = (measured > 0.0) & (expected < measured[np.isfinite(measured)].max(initial=0.0))
+        if np.count_nonzero(shown) < 0.03 * len(rays):
+            return None
+        # Errors of depth and pose are smaller; but for 3 % of the pixels, without a fault.
+        return bool((measured > 1.15 * expected)[shown].mean() > 0.1)
 
     def kinds(
         self, points: Floats, X_WC: Array, q: Array, opening: float, noise: float
@@ -158,7 +196,7 @@ class ModeledBodies:
             SIGMAS * noise,
             (np.ascontiguousarray(ends), arm.radius),
             (np.ascontiguousarray(hand.X_WB), hand.half),
-            (np.ascontiguousarray(self._cell.X_WB), self._cell.half),
+            (np.ascontiguousarray(self.cell.X_WB), self.cell.half),
             kinds,
         )
         return kinds

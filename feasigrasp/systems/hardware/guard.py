@@ -106,7 +106,6 @@ class Guard:
 
     def coast(self) -> None:
         """Commands the arm where the status of a cycle is missing."""
-        self._gives_way()
         self._idle_at = self._clock()
         q = None if self._gave_way else self._guard.coast(self._idle_at)
         if q is not None:
@@ -135,8 +134,9 @@ class Guard:
 
     def _gives_way(self) -> bool:
         """Whether it was stopped for so long that the standby has the arm."""
-        late = self._clock() - self._idle_at > ANSWER * self._guard.cycle
-        self._gave_way |= self._backed and self._guard.moving and late
+        came_at = np.fmax(self._idle_at, self._guard.due)
+        late = self._clock() - came_at > ANSWER * self._guard.cycle
+        self._gave_way |= bool(self._backed and self._guard.moving and late)
         return self._gave_way
 
     def _give_way(self, _: bytes) -> None:
@@ -222,9 +222,13 @@ class Standby(Guard):
         if self._in_place:
             super().coast()
         elif self._guard.moving and self._ready is not None and self._clock() >= self._due:
-            self._in_place = True
-            self._send(self._ready)
-            self._ready = None
+            # The guard's command may have come since the bus was looked at.
+            while self._lcm.HandleSubscriptions(0):
+                pass
+            if self._ready is not None and self._clock() >= self._due:
+                self._in_place = True
+                self._send(self._ready)
+                self._ready = None
 
     def _request(self, data: bytes) -> None:
         """It only brakes."""

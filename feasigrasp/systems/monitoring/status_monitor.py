@@ -142,6 +142,7 @@ class StatusMonitor(LeafSystem):
         - search_target
         - lapsed
         - viewpoint
+        - contradicted
         output_ports:
         - status
         - history
@@ -153,7 +154,8 @@ class StatusMonitor(LeafSystem):
     `SceneField` or None, says what was never seen; ``touches``, optional, how often the arm was
     touched; ``search_target``, optional, a `SearchTarget` while the arm looks for the object;
     ``lapsed``, optional, V1, not 0 while perception's process is gone; ``viewpoint``, optional, is
-    not None while the arm looks at the object from another side. ``status`` is the present
+    not None while the arm looks at the object from another side; ``contradicted``, optional, is
+    true while images are not of the camera's pose. ``status`` is the present
     `Status`, ``history`` a tuple of all of them, one for every change of the code, and one every
     `AGAIN` seconds of a hand that follows, with the condition for closing that it does not meet.
     """
@@ -198,6 +200,7 @@ class StatusMonitor(LeafSystem):
         self._viewpoint = declare_input(
             self, "viewpoint", kind=Annotated[Array, CONFIGURATION] | None
         )
+        self._contradicted = declare_input(self, "contradicted", kind=bool)
         self._reported = PeriodicState(self, _Reported(), period, self._look)
         state = {self._reported.ticket()}
         declare_output(self, "status", self.status, state)
@@ -253,6 +256,7 @@ class StatusMonitor(LeafSystem):
                 search_target=optional(self._search_target, context) is not None,
                 looking=optional(self._viewpoint, context) is not None,
                 contradicted=perceived.contradicted,
+                camera_contradicted=bool(optional(self._contradicted, context)),
                 lapsed=self._lapsed.HasValue(context) and self._lapsed.Eval(context)[0] > 0.0,
                 seen=perceived.gpdf is not None,
                 views_dropped=perceived.last_fault,

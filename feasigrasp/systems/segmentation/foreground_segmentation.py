@@ -8,13 +8,13 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
-from pydrake.systems.sensors import ImageLabel16I, ImageRgba8U
+from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.segmentation.camera_view import CameraView
-from feasigrasp.models.segmentation.foreground import Known, segment
+from feasigrasp.models.segmentation.foreground import Known, Label, segment
 from feasigrasp.models.segmentation.modeled_bodies import Kind, ModeledBodies, in_color_gate
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, evaluate
@@ -36,8 +36,10 @@ class ForegroundSegmentation(LeafSystem):
         - tracking
         - gpdf
         - color_image
+        - depth_image
         output_ports:
         - label_image
+        - contradicted
 
     ``point_cloud`` is pixel-ordered and in the world frame W, taken at ``image_time`` (V1) [s], NaN
     before the first image; without a time it is taken when it is read. Of the same instant are
@@ -47,7 +49,8 @@ class ForegroundSegmentation(LeafSystem):
     ``color_image`` is of the same pixels, and needed only where the carrier of the object is found
     by its hue. ``label_image`` holds a `Label` for each pixel: it fits the port of the same name of
     `SegmentPointCloud` and `PointCloudToScene` as a label image of the simulation does. The method
-    is in `models.segmentation.foreground`.
+    is in `models.segmentation.foreground`. ``depth_image``, optional, is of the same pixels: while
+    the last three images looked through the cell, ``contradicted`` is true, and nothing is clear.
     """
 
     def __init__(
@@ -81,7 +84,11 @@ class ForegroundSegmentation(LeafSystem):
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
         # Time and view of the first image, for the detection of motion; None before.
         self._first = PeriodicState(self, (None, None), period, self._remember)
+        self._depth = declare_input(self, "depth_image", ImageDepth32F(1, 1))
+        # Time of the last image, and how many in succession looked through the cell.
+        self._through = PeriodicState(self, (-np.inf, 0), period, self._compare)
         declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))
+        declare_output(self, "contradicted", self._contradicted, {self._through.ticket()})
         _compile(camera, bodies)
 
     def _view(self, context: Context) -> CameraView:
@@ -101,6 +108,18 @@ class ForegroundSegmentation(LeafSystem):
             return first
         view = self._view(context)
         return time, replace(view, points=view.points.copy())
+
+    def _compare(self, context: Context) -> tuple[float, int]:
+        before, count = self._through.Eval(context)
+        time, X_WC = self._time(context), self._camera_pose.Eval(context).GetAsMatrix4()
+        if not (time > before and self._depth.HasValue(context)):
+            return before, count
+        depth = self._depth.Eval(context).data[:, :, 0]
+        through = self._bodies.looked_through(depth, X_WC, self._camera)
+        return time, count if through is None else (count + 1) * through
+
+    def _contradicted(self, context: Context) -> bool:
+        return bool(self._through.Eval(context)[1] >= 3)
 
     def _time(self, context: Context) -> float:
         """When the image was taken [s]; NaN before the first."""
@@ -124,7 +143,7 @@ class ForegroundSegmentation(LeafSystem):
             kinds[(kinds == Kind.FREE) & on_carrier] = Kind.CARRIER
         labels = segment(view, known, kinds, self._bodies.hand(q), camera)
         image = ImageLabel16I(self._camera.width, self._camera.height)
-        image.mutable_data[:, :, 0] = labels
+        image.mutable_data[:, :, 0] = Label.UNCLEAR if self._contradicted(context) else labels
         return image
 
 

@@ -10,9 +10,9 @@ from unittest import mock
 import daqp
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.perception import PointCloud
+from pydrake.perception import DepthImageToPointCloud, PointCloud
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
-from pydrake.systems.sensors import ImageLabel16I
+from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, PixelType
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arrays import Array, Frozen
@@ -23,12 +23,13 @@ from feasigrasp.models.faults.fault import (
     PoseFault,
     SolverFailure,
 )
-from feasigrasp.models.faults.images import CloudFault, MaskFault, View
+from feasigrasp.models.faults.images import CloudFault, DepthFault, MaskFault, View
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.controller_inputs import ControllerInputs
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, evaluate, weakly
+from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 
 _Kind = TypeVar("_Kind", bound=Fault)
 
@@ -111,6 +112,40 @@ def faulty_mask(fault: MaskFault, label: int) -> FaultySignal:
         return faulty
 
     return FaultySignal(fault, {"label_image": ImageLabel16I(1, 1)}, change)
+
+
+class FaultyDepth(LeafSystem):
+    """Passes depth images on, but for a fault, of which it remembers the first.
+
+    .. pydrake_system::
+
+        name: FaultyDepth
+        input_ports:
+        - depth_image
+        output_ports:
+        - depth_image
+    """
+
+    def __init__(self, fault: DepthFault, period: float) -> None:
+        """A fault of images that come every ``period`` seconds."""
+        super().__init__()
+        self._fault, self._input = fault, declare_input(self, "depth_image", ImageDepth32F(1, 1))
+        self._first = PeriodicState(self, None, period, self._remember)
+        declare_output(self, "depth_image", self._calc, model=ImageDepth32F(1, 1))
+
+    def _remember(self, context: Context) -> Array | None:
+        first: Array | None = self._first.Eval(context)
+        if not self._fault.active(context.get_time()):
+            return None
+        return self._input.Eval(context).data.copy() if first is None else first
+
+    def _calc(self, context: Context) -> ImageDepth32F:
+        image, first = self._input.Eval(context), self._first.Eval(context)
+        if first is None:
+            return image
+        faulty = ImageDepth32F(image.width(), image.height())
+        faulty.mutable_data[:] = self._fault.depth(image.data, first)
+        return faulty
 
 
 def faulty_command(fault: CommandFault, joints: int, seed: int = 0) -> FaultySignal:
@@ -255,6 +290,18 @@ class FaultInjection:
     builder: DiagramBuilder
     scenario: Scenario
 
+    def depth(
+        self, depth: OutputPort | None, cloud: OutputPort, camera_pose: OutputPort
+    ) -> tuple[OutputPort | None, OutputPort]:
+        """The depth images of perception's camera, and the cloud that is made of them."""
+        camera = self.scenario.cameras[self.scenario.perception.camera]
+        for number, fault in self._of(DepthFault):
+            depth = self._insert(number, FaultyDepth(fault, 1.0 / camera.fps), depth_image=depth)
+            points = DepthImageToPointCloud(pixel_centred_intrinsics(camera), PixelType.kDepth32F)
+            of_view = {"depth_image": depth, "camera_pose": camera_pose}
+            cloud = self._insert(f"{number}_cloud", points, **of_view)
+        return depth, cloud
+
     def cloud(
         self, cloud: OutputPort, labels: OutputPort, camera_pose: OutputPort, label: int
     ) -> OutputPort:
@@ -314,7 +361,7 @@ class FaultInjection:
     def _seed(self, number: int) -> int:
         return self.scenario.random_seed + 2**32 * (number + 1)
 
-    def _insert(self, number: int, system: LeafSystem, **inputs: OutputPort) -> OutputPort:
+    def _insert(self, number: int | str, system: LeafSystem, **inputs: OutputPort) -> OutputPort:
         self.builder.AddNamedSystem(f"fault_{number}", system)
         for name, port in inputs.items():
             self.builder.Connect(port, system.GetInputPort(name))

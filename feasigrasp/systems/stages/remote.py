@@ -114,7 +114,7 @@ def make_tracker_stage(text: str) -> Diagram:
         inner |= {
             (foreground, "object_pose"): tracker.GetOutputPort("pose_at_view"),
             (foreground, "tracking"): tracker.GetOutputPort("tracking"),
-            (segmentation, "label_image"): foreground.get_output_port(),
+            (segmentation, "label_image"): foreground.GetOutputPort("label_image"),
             (tracker, f"{prefix}point_cloud"): segmentation.GetOutputPort("point_cloud"),
         }
     builder.AddNamedSystem("tracker", tracker)

@@ -27,7 +27,7 @@ def make_static_grid(scenario: Scenario) -> ObstacleGrid | None:
     """
     obstacles = make_static_obstacles(scenario)
     if names := modeled_bodies(scenario):
-        X_WB, half = cell_boxes(station_config(scenario), names)
+        X_WB, half, _ = cell_boxes(station_config(scenario), names)
         name = ", ".join(names)
         obstacles += [StaticObstacle.box(name, 2.0 * h, X) for X, h in zip(X_WB, half, strict=True)]
     if not obstacles:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-from pydrake.geometry import HalfSpace
+from pydrake.geometry import Box, HalfSpace
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
@@ -32,13 +32,15 @@ def cell_boxes(config: StationConfig, models: Collection[str] | None = None) -> 
     context = builder.Build().CreateDefaultContext()
     query = scene_graph.get_query_output_port().Eval(scene_graph.GetMyContextFromRoot(context))
     inspector, robot = scene_graph.model_inspector(), robot_instances(plant, config.arm)
-    poses, halves = [], []
+    poses, halves, solid = [], [], []
     for body in plant.GetBodiesWeldedTo(plant.world_body()):
         name = plant.GetModelInstanceName(body.model_instance())
         if body.model_instance() in robot or (models is not None and name not in models):
             continue
         for geometry in plant.GetCollisionGeometriesForBody(body):
-            if isinstance(inspector.GetShape(geometry), HalfSpace):
+            shape = inspector.GetShape(geometry)
+            solid.append(isinstance(shape, Box | HalfSpace))
+            if isinstance(shape, HalfSpace):
                 below = RigidTransform([0.0, 0.0, -half_space])
                 poses.append((query.GetPoseInWorld(geometry) @ below).GetAsMatrix4())
                 halves.append(np.full(3, half_space))
@@ -48,4 +50,4 @@ def cell_boxes(config: StationConfig, models: Collection[str] | None = None) -> 
             halves.append(box.half_width())
     if not poses:
         return Boxes.none()
-    return Boxes(np.array(poses), np.array(halves))
+    return Boxes(np.array(poses), np.array(halves), np.array(solid))

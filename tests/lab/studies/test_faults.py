@@ -65,8 +65,8 @@ def test_runs_have_their_controller():
 
 
 def test_the_study_has_the_faults_that_it_must_have():
-    """Camera 6 (outliers of three shares), mask 5, pose 7, late, object 7, controller 3."""
-    assert len(FAULTS) == 6 + 5 + 7 + 1 + 7 + 3
+    """Camera 8 (outliers of three shares), mask 5, pose 7, late, object 7, controller 3."""
+    assert len(FAULTS) == 8 + 5 + 7 + 1 + 7 + 3
     held = {name for name, fault in FAULTS.items() if fault.held}
     assert held == {
         "outliers_5",

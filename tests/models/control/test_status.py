@@ -59,6 +59,11 @@ CASES = [
         "2.0 s",
     ),
     ({"tracking": replace(LOST, jumping=True)}, StatusCode.POSE_JUMPED, "somewhere else"),
+    (
+        {"camera_contradicted": True, "tracking": LOST},
+        StatusCode.CAMERA_CONTRADICTED,
+        "frozen, mirrored",
+    ),
     ({"phase": Phase.LIFT, "turned": 0.3}, StatusCode.SLIPPING, "turned 17 deg in the hand"),
     ({"phase": Phase.HOLD, "slipped": 0.012}, StatusCode.SLIPPING, "moved 12 mm"),
     ({"phase": Phase.SHAKE, "slipped": 0.003, "turned": 0.05}, StatusCode.HOLDING, ""),

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.sensors import ImageLabel16I
+from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.faults.fault import (
@@ -21,13 +21,21 @@ from feasigrasp.models.faults.fault import (
     PoseLate,
     PoseNan,
 )
-from feasigrasp.models.faults.images import CameraGone, MaskShifted, OnePlane, Outliers
+from feasigrasp.models.faults.images import (
+    CameraFrozen,
+    CameraGone,
+    CameraMirrored,
+    MaskShifted,
+    OnePlane,
+    Outliers,
+)
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.stages.faults import (
     FaultInjection,
+    FaultyDepth,
     FaultyPose,
     LateField,
     faulty_cloud,
@@ -42,7 +50,7 @@ WINDOW = {"start": 1.0, "duration": 1.0}
 
 @pytest.mark.parametrize(
     "dut",
-    [FaultyPose(PoseNan(), 0.01), LateField(PerceptionLate())],
+    [FaultyPose(PoseNan(), 0.01), LateField(PerceptionLate()), FaultyDepth(CameraFrozen(), 0.1)],
     ids=lambda d: type(d).__name__,
 )
 def test_ports_are_those_of_the_docstring(dut, ports, documented_ports):
@@ -240,9 +248,42 @@ def scenario(text):
     )
 
 
+class Clock(LeafSystem):
+    """A depth image of 3 by 2 pixels, the first of which is the time [s]."""
+
+    def __init__(self):
+        super().__init__()
+        model = Value(ImageDepth32F(3, 2))
+        self.DeclareAbstractOutputPort("image", model.Clone, self.calc)
+
+    def calc(self, context, output):
+        image = ImageDepth32F(3, 2)
+        image.mutable_data[:, :, 0] = [[context.get_time(), 2, 3], [4, 5, 6]]
+        output.set_value(image)
+
+
+@pytest.mark.parametrize(
+    ("kind", "first", "later"),
+    [(CameraFrozen, [1.0, 2.0, 3.0], [1.0, 2.0, 3.0]), (CameraMirrored, [3, 2, 1.05], [3, 2, 1.9])],
+)
+def test_a_frozen_image_is_that_of_its_beginning_and_a_mirrored_one_the_present(kind, first, later):
+    builder = DiagramBuilder()
+    clock, dut = builder.AddSystem(Clock()), builder.AddSystem(FaultyDepth(kind(**WINDOW), 0.1))
+    builder.Connect(clock.get_output_port(), dut.get_input_port())
+    simulator = Simulator(builder.Build())
+    context = dut.GetMyContextFromRoot(simulator.get_context())
+    for t, row in ((0.95, [0.95, 2, 3]), (1.05, first), (1.9, later), (2.15, [2.15, 2, 3])):
+        simulator.AdvanceTo(t)
+        image = dut.get_output_port().Eval(context).data[:, :, 0]
+        np.testing.assert_allclose(image[0], row, rtol=1e-6)
+
+
 # --------------------------------------------------------------------------------------- diagram
 
-ALL = "!CameraGone {}, !MaskEmpty {}, !PoseNan {}, !PerceptionLate {}, !CommandNan {}"
+ALL = (
+    "!CameraGone {}, !MaskEmpty {}, !PoseNan {}, !PerceptionLate {}, !CommandNan {}, "
+    "!CameraFrozen {}"
+)
 
 
 def test_without_faults_the_diagram_has_none_of_them():
@@ -267,6 +308,9 @@ def test_every_fault_is_put_where_it_arises():
         assert graph[f"fault_{number}"] == targets
         # Nothing goes past it, but for what takes no measurement.
         assert not graph[source] & targets
+    # The cloud is made of the faulty depths.
+    assert "fault_5" in graph["station"] and graph["fault_5"] == {"fault_5_cloud"}
+    assert graph["fault_5_cloud"] == {"fault_0"}
 
 
 @pytest.mark.parametrize("controller", ["task", "joint"])

@@ -120,7 +120,7 @@ def test_after_a_gap_it_starts_from_rest(period, seconds, clock):
 
 
 @pytest.mark.parametrize("period, seconds", cases((0.002, 0.006, 0.01, 0.02, 0.05, 0.15, 2.0)))
-@pytest.mark.parametrize("asks, arrival", [(True, 0.0), (True, 0.2), (False, 0.2)])
+@pytest.mark.parametrize("asks, arrival", [(True, 0.0), (True, 0.2), (False, 0.2), (True, 0.5)])
 def test_where_statuses_are_lost_the_arm_does_not_stop_dead(period, seconds, asks, arrival):
     """It goes on as requested, or brakes: the driver receives the commands."""
     rig = Rig(period, arrival)

@@ -108,6 +108,36 @@ def test_a_guard_that_is_killed(period):
     assert not rig.standby._in_charge()
 
 
+@pytest.mark.parametrize("period", [0.002, 0.005])
+def test_a_guard_that_is_held_up_between_two_statuses_keeps_the_arm(period):
+    """It is stopped for 0.9 cycles, but answers each status within 0.4 of one."""
+    rig = Pair(period)
+    rig.start()
+    for k in range(90):
+        rig.cycle_with(((0, 0), (0.5, 1), (0, 0.4))[k % 3])
+    assert rig.taken == 0 and not rig.guard._gave_way
+    assert rig.q[0] - rig.held[-1][0] > 0.9 * rig.T
+    rig.keeps_limits()
+
+
+def test_a_standby_that_is_held_up_looks_at_the_bus_before_it_takes_over():
+    """The guard has answered in time; that command waits while the standby does not run."""
+    rig = Pair(0.005)
+    rig.start()
+    rig.cycle += 1
+    rig.now = rig.cycle * rig.T
+    status = rig.status()
+    rig.other.Publish(channels.IIWA_STATUS, status)
+    rig.other.HandleSubscriptions(0)
+    rig.lcm.Publish(channels.IIWA_STATUS, status)
+    while rig.lcm.HandleSubscriptions(0):
+        pass
+    rig.now += 0.9 * rig.T
+    rig.standby.coast()
+    rig.pump()
+    assert rig.taken == 0 and not rig.standby._in_place
+
+
 @pytest.mark.parametrize("lasts", [0.1, 0.3])
 def test_a_guard_that_answers_in_time_keeps_the_arm(lasts):
     rig = Pair(0.005)

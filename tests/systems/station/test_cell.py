@@ -78,6 +78,7 @@ def test_the_height_of_the_table_reaches_all_that_reckon_with_it(height):
     reachability, boxes = make_reachability(setting), cell_boxes(station_config(setting))
     # Segmentation: the top of the one box there is.
     assert boxes.X_WB[0, 2, 3] + boxes.half[0, 2] == pytest.approx(height)
+    assert boxes.solid.tolist() == [True]
     # The filter: of hands that point down, those are kept that are far enough above the table.
     down = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (60, 1, 1))
     z = down[:, 2, 3] = np.linspace(height - 0.05, height + 0.3, 60)

@@ -112,6 +112,11 @@ class CommandGuard:
         return self._clock.shortest
 
     @property
+    def due(self) -> float:
+        """When the next status is due by this computer's clock [s]; NaN if that is unknown."""
+        return self._clock.due
+
+    @property
     def joints(self) -> int:
         """How many the arm has."""
         return self._arm.joints

@@ -68,7 +68,7 @@ class DriverClock:
         """
         self.period, self.passed, self.rate = period, 0.0, 1.0
         self._silence = silence
-        self._stamp = self._due = self._now = float("nan")
+        self._stamp = self._due = self._now = self._on_time = float("nan")
         self._stamps: list[float] | None = []
         self._intervals: deque[float] = deque(maxlen=9)
         self._average, self._skipped = 1.0, False
@@ -81,6 +81,11 @@ class DriverClock:
     def interval(self) -> float:
         """Usual time between messages by this computer's clock [s]."""
         return statistics.median(self._intervals) if self._intervals else self.period
+
+    @property
+    def due(self) -> float:
+        """When the next message is due by this computer's clock [s]; NaN if that is unknown."""
+        return self._on_time + self._ratio * self.period
 
     @property
     def shortest(self) -> float:
@@ -131,6 +136,9 @@ class DriverClock:
         self._compare(stamp, self._now, again=not (gap or in_turn))
         self.passed = max(passed, self.period) if gap else self.period
         self._stamp, self.missing = stamp, 0
+        late = self._now - self.due
+        # When it was sent: a message that is late moves that a little.
+        self._on_time = self._now - (0.9 * late if in_turn and late > 0.0 else 0.0)
         # The next instant makes up for half of the error.
         self._due = (self._due + 0.5 * error if in_turn else stamp) + self.period
         return Tick.GAP if gap else Tick.NEXT if in_turn else Tick.STEPPED
@@ -144,10 +152,11 @@ class DriverClock:
         if self._stamps is not None or not abs(self._ratio - 1.0) <= AGREE:
             return False
         cycle = self._ratio * self.period
-        if not MISSING * cycle <= now - self._now < IN_TIME * cycle:
+        if not MISSING * cycle <= now - self._on_time < IN_TIME * cycle:
             return False
         self.missing += 1
         self._now += cycle
+        self._on_time += cycle
         self._stamp += self.period
         self._due += self.period
         self.passed = self.period
