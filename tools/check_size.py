@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def sizes(files: list[Path]) -> dict[str, int]:
-    """Lines and files of both packages, and bytes of the pages and of all JSON, of these files."""
+    """Lines and files of both packages, bytes of the pages and of all JSON, lines of README."""
     found = {}
     for package in ("feasigrasp", "feasigrasp_lab"):
         sources = [f for f in files if f.suffix == ".py" and f.parts[0] == package]
@@ -23,6 +23,7 @@ def sizes(files: list[Path]) -> dict[str, int]:
     pages = [f for f in files if f.suffix == ".md" and f.parts[0] == "docs"]
     found["docs.pages"] = len(pages)
     found["docs.bytes"] = sum((ROOT / f).stat().st_size for f in pages)
+    found["readme.lines"] = len((ROOT / "README.md").read_text().splitlines())
     found["json.bytes"] = sum((ROOT / f).stat().st_size for f in files if f.suffix == ".json")
     return found
 
