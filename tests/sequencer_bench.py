@@ -48,10 +48,8 @@ def grasps_at(*errors):
 class Mock:
     """A sequencer whose inputs are set by hand."""
 
-    def __init__(self, config=CONFIG, looks=False, reachability=None, **inputs):
-        self.dut = GripperSequencer(
-            config, GRIPPER, period=0.05, looks=looks, reachability=reachability
-        )
+    def __init__(self, config=CONFIG, looks=False, gives_up=False, **inputs):
+        self.dut = GripperSequencer(config, GRIPPER, period=0.05, looks=looks, gives_up=gives_up)
         self.simulator = Simulator(self.dut)
         self.context = self.simulator.get_mutable_context()
         self.fix(

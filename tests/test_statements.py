@@ -317,7 +317,7 @@ STATEMENTS = {
             (1 / TRACKER.image_period, 1 / SCENARIO.perception.period),
         ),
         ("on the predicted path | {:g} Hz |", (1 / REACH.period,)),
-        ("and next-best view | {:g} Hz |", (1 / REACH.period,)),
+        ("stall detection | {:g} Hz |", (1 / REACH.period,)),
         (
             "| {:g} Hz plan, {:g} Hz command |",
             (1 / PROGRAM.steps[0], 1 / SCENARIO.control.period),
@@ -325,9 +325,8 @@ STATEMENTS = {
         ("within all limits | {:g} Hz |", (1 / SCENARIO.control.period,)),
         ("from sensor data alone | {:g} Hz |", (1 / value("status_monitor.PERIOD"),)),
         ("simulated truth | {:g} Hz |", (1 / value("metrics.SAMPLE_PERIOD"),)),
-        ("No reachable grasp for {:g} s", (value("next_best_view.WAITS"),)),
-        ("blocked for {:g} s", (value("next_best_view._FORGOTTEN"),)),
-        ("a time constant of {:g} s", (value("next_best_view._RELAXES"),)),
+        ("blocked for {:g} s", (value("stall._FORGOTTEN"),)),
+        ("a time constant of {:g} s", (value("stall._RELAXES"),)),
     ],
     "commands.md": [
         (
@@ -394,7 +393,6 @@ STATEMENTS = {
             (LASTS[StatusCode.BRAKING_FOR_OBSTACLE],),
         ),
         ("for {:g} s, ", (LASTS[StatusCode.OUT_OF_REACH],)),
-        ("no grasp within reach for {:g} s", (value("next_best_view.WAITS"),)),
         ("{:g} % of the grasps", (percent("status.SHARED"),)),
         ("accepted after {:g} s |", (value("pose_filter._JUMP_FOR"),)),
         (

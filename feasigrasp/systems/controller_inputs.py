@@ -110,12 +110,6 @@ class ControllerInputs:
         return search_target
 
     @property
-    def viewpoint(self) -> Array | None:
-        """The configuration to see the object's other side from, shape (7,) [rad]; None if none."""
-        viewpoint: Array | None = optional(self._controller._viewpoint, self._context)
-        return viewpoint
-
-    @property
     def seen_by_arm(self) -> bool:
         """Whether the object is tracked with the camera on the hand."""
         tracking: Tracking | None = optional(self._controller._tracking, self._context)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -21,7 +20,6 @@ from pydrake.systems.framework import (
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.planning.clearance_schedule import is_close, retreat_velocity
 from feasigrasp.models.control.planning.in_view import velocity_in_view
 from feasigrasp.models.control.planning.search_pose import (
     SearchTarget,
@@ -38,7 +36,6 @@ from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import Motion, MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.quantities import (
-    CONFIGURATION,
     JACOBIAN,
     JOINT_RATES,
     TWIST,
@@ -85,7 +82,6 @@ class GraspController(LeafSystem):
         - touch
         - camera_pose
         - search_target
-        - viewpoint
         - tracking
         - plan
         output_ports:
@@ -103,8 +99,7 @@ class GraspController(LeafSystem):
     arm gives way, whatever `velocity` says. With ``camera_pose``, X_WC of a camera on the hand,
     which the object is tracked with (``tracking``, a `Tracking`), the arm keeps the object in its
     image, as long as there is a ``gpdf``; while there is a ``search_target``, a `SearchTarget` or
-    None, it looks for that instead, and while there is a ``viewpoint``, a configuration (7,) or
-    None, it goes there to see the object from another side.
+    None, it looks for that instead.
 
     ``chosen_grasp`` is V16, the grasp that the hand goes for as a matrix X_OG, row by row, and NaN
     where it goes for no one grasp; see `chosen`.
@@ -179,8 +174,6 @@ class GraspController(LeafSystem):
         self._touch = self.DeclareVectorInputPort("touch", n)
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._search_target = declare_input(self, "search_target", kind=SearchTarget | None)
-        configuration = Annotated[Array, replace(CONFIGURATION, shape=(n,))]
-        self._viewpoint = declare_input(self, "viewpoint", kind=configuration | None)
         self._tracking = declare_input(self, "tracking", kind=Tracking | None)
         self._plan = declare_input(self, "plan")
         seen = self._declare_grid("scene", scene, obstacle_grid)
@@ -393,16 +386,6 @@ class GraspController(LeafSystem):
             return None
         return search_configuration(search_target, inputs.q, X_WC, self.reachability)
 
-    def _look_again(self, safety: SafetyFilter, q_view: Array, inputs: ControllerInputs) -> Array:
-        """The velocity that takes the arm to another view: at first back from the object."""
-        X_FG, moving = self.reachability.gripper.X_FG, self._kept_off(inputs)
-        if moving is None or not is_close(moving, inputs.q, X_FG, self.reachability.arm):
-            speed, arm = safety.options.speed, self.reachability.arm
-            return self.enforced(search_velocity(inputs.q, q_view, speed, arm), inputs)
-        return retreat_velocity(
-            safety, inputs.q, X_FG, moving, qd_last=inputs.qd_last, obstacles=inputs.obstacles
-        )
-
     def _calc(self, context: Context, output) -> None:
         inputs = ControllerInputs(self, context)
         q_search = self._search_pose.Eval(context) if inputs.search_target else None
@@ -411,8 +394,6 @@ class GraspController(LeafSystem):
             qd = self.enforced(
                 search_velocity(inputs.q, q_search, speed, self.reachability.arm), inputs
             )
-        elif inputs.viewpoint is not None:
-            qd = self.in_view(self._look_again(self.safety, inputs.viewpoint, inputs), inputs)
         else:
             qd = self.in_view(self.velocity(self.memory(context), inputs), inputs)
         if inputs.touch.any():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -13,12 +12,8 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.planning.next_best_view import (
-    Attempt,
-    next_best_view,
-    view_configuration,
-)
 from feasigrasp.models.control.planning.search_pose import SEARCH_AFTER, SearchTarget
+from feasigrasp.models.control.planning.stall import Attempt
 from feasigrasp.models.control.status import StatusCode
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -30,8 +25,7 @@ from feasigrasp.models.grasps.sequence import (
 )
 from feasigrasp.models.objects.prediction import Motion, future_poses
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.quantities import Positive, PositiveShare
-from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.quantities import Positive
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -47,13 +41,6 @@ from feasigrasp.systems.ports import (
     optional,
     weakly,
 )
-
-
-class _Approach(NamedTuple):
-    """How the hand gets on, and the configuration that the arm looks from meanwhile, if it does."""
-
-    attempt: Attempt = Attempt()
-    q_view: Array | None = None
 
 
 class GripperSequencer(LeafSystem):
@@ -73,7 +60,6 @@ class GripperSequencer(LeafSystem):
         - tracking
         - perceived
         - lapsed
-        - camera_pose
         - arrival
         output_ports:
         - grasps
@@ -85,7 +71,6 @@ class GripperSequencer(LeafSystem):
         - object_hold
         - phase
         - search_target
-        - viewpoint
 
     It stands between the reachability filter and a controller, and passes grasps, object pose and
     twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is
@@ -101,10 +86,7 @@ class GripperSequencer(LeafSystem):
     ``arrival`` is a `GraspSet` as well: a controller that finds grasps of its own on the way gives
     them here, and they are passed on with the others.
 
-    A hand that does not get on gives the nearest grasp up for a while, and looks at the object from
-    another side: ``viewpoint`` is the configuration (7,) [rad] that the arm is to look from, or
-    None. It is found with ``camera_pose``, X_WC of a camera on the hand; without one the hand only
-    goes for other grasps.
+    A hand that does not get on gives the nearest grasp up for a while.
 
     Once the hand has been at a grasp for a moment, only that grasp is passed on, with the pose
     predicted then (by ``object_motion``, a `MotionEstimate` or None, else by the twist), and the
@@ -127,9 +109,8 @@ class GripperSequencer(LeafSystem):
         gripper: Gripper,
         *,
         period: Positive = ReachabilityConfig.period,
-        speed: PositiveShare = 1.0,
         looks: bool = False,
-        reachability: Reachability | None = None,
+        gives_up: bool = False,
         arm: Arm = IIWA_7,
     ) -> None:
         """A sequencer for one gripper.
@@ -138,15 +119,13 @@ class GripperSequencer(LeafSystem):
             config: When the gripper closes, and what happens then.
             gripper: The gripper.
             period: Time between states [s].
-            speed: Share of its velocity limits that the arm may use, in (0, 1].
             looks: With a camera on the arm, to look for objects that are out of sight.
-            reachability: Which configurations the arm can look from; without it a hand that does
-                not get on stays where it is.
+            gives_up: Whether grasps that the hand comes no nearer to are left out, and low-scoring
+                ones while there are others.
             arm: The arm.
         """
         super().__init__()
-        self._looks, self._reachability = looks, reachability
-        self._config, self._speed = config, speed
+        self._looks, self._gives_up, self._config = looks, gives_up and config.close, config
         self._gripper, self._arm = gripper, arm
         self._position = self.DeclareVectorInputPort("position", arm.joints)
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
@@ -158,17 +137,17 @@ class GripperSequencer(LeafSystem):
         self._tracking = declare_input(self, "tracking", kind=Tracking | None)
         self._perceived = declare_input(self, "perceived", kind=Perceived | None)
         self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
-        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._arrival = declare_input(self, "arrival", GraspSet.empty())
         self._state = PeriodicState(self, GraspState(), period, self._advance)
-        self._approach = PeriodicState(self, _Approach(), period, self._get_on)
+        self._attempt = PeriodicState(self, Attempt(), period, self._get_on)
 
         state, time = self._state.ticket(), self.time_ticket()
         doubts = {port.ticket() for port in (self._tracking, self._perceived, self._lapsed)}
         target = {state, time, self._pose.ticket(), self._velocity.ticket(), *doubts}
-        approach = self._approach.ticket()
         offered = {self._grasps.ticket(), self._arrival.ticket()}
-        self._usable = declare_cache(self, "usable grasps", self._calc_usable, {approach, *offered})
+        self._usable = declare_cache(
+            self, "usable grasps", self._calc_usable, {self._attempt.ticket(), *offered}
+        )
         usable = {state, self._usable.ticket(), *doubts}
         declare_output(self, "grasps", self._calc_grasps, usable)
         declare_output(self, "gpdf", self._calc_gpdf, {state, self._gpdf.ticket()})
@@ -186,7 +165,6 @@ class GripperSequencer(LeafSystem):
         declare_output(
             self, "search_target", self._calc_search_target, {state, self._tracking.ticket()}
         )
-        declare_output(self, "viewpoint", self._calc_viewpoint, {state, approach})
 
     @checked(GraspError)
     def state(self, context: Context) -> GraspState:
@@ -228,27 +206,17 @@ class GripperSequencer(LeafSystem):
             None if motion is None else partial(future_poses, motion, X_WO, V_WO),
         )
 
-    def _get_on(self, context: Context) -> _Approach:
-        reachability, gpdf = self._reachability, self._calc_gpdf(context)
-        now = context.get_time()
-        X_WO = self._pose.Eval(context).GetAsMatrix4()
+    def _get_on(self, context: Context) -> Attempt:
+        now, X_WO = context.get_time(), self._pose.Eval(context).GetAsMatrix4()
+        attempt: Attempt = self._attempt.Eval(context)
         doubted = self._doubt(context) is not None or self._coasting(context)
-        attempt: Attempt = self._approach.Eval(context).attempt
-        if not self._config.close or reachability is None:
-            return _Approach()
-        if gpdf is None or doubted or not np.isfinite(X_WO).all():
-            return _Approach(attempt.interrupted(now))
+        if not self._gives_up:
+            return attempt
+        if self._calc_gpdf(context) is None or doubted or not np.isfinite(X_WO).all():
+            return attempt.interrupted(now)
         q = self._position.Eval(context)
         X_OH = inverse_kernel(X_WO) @ forward_kinematics(q, self._gripper.X_FG, self._arm)
-        attempt = attempt.advanced(now, X_OH, self._offered(context), self._config.patience)
-        if not self._camera_pose.HasValue(context):
-            return _Approach(attempt.looking(now, None, np.inf) if attempt.blocked else attempt)
-        view = gpdf, X_WO, q, self._camera_pose.Eval(context).GetAsMatrix4(), reachability
-        if attempt.blocked:
-            attempt = attempt.looking(now, *next_best_view(attempt.sides, *view), self._speed)
-        if attempt.side is None:
-            return _Approach(attempt)
-        return _Approach(attempt, view_configuration(attempt.side, *view))
+        return attempt.advanced(now, X_OH, self._offered(context), self._config.patience)
 
     def _target(self, context: Context) -> tuple[Array, Array]:
         state = self.state(context)
@@ -279,9 +247,9 @@ class GripperSequencer(LeafSystem):
     def _calc_usable(self, context: Context) -> GraspSet:
         """The grasps that the hand may go for."""
         grasps = self._offered(context)
-        if self._reachability is None or not self._config.close:
+        if not self._gives_up:
             return grasps
-        attempt: Attempt = self._approach.Eval(context).attempt
+        attempt: Attempt = self._attempt.Eval(context)
         return attempt.usable(grasps)
 
     def _calc_gpdf(self, context: Context) -> Gpdf | None:
@@ -310,10 +278,6 @@ class GripperSequencer(LeafSystem):
         if tracking.expected is None or tracking.age < SEARCH_AFTER:
             return None
         return SearchTarget(tracking.expected, tracking.age)
-
-    def _calc_viewpoint(self, context: Context) -> Array | None:
-        q_view: Array | None = self._approach.Eval(context).q_view
-        return q_view if self.state(context).phase == Phase.APPROACH else None
 
     def _calc_gripper(self, context: Context, output) -> None:
         state = self.state(context)

@@ -308,10 +308,9 @@ def add_control(
     sequencer = GripperSequencer(
         scenario.sequence,
         cell.gripper,
-        speed=scenario.control.speed,
         period=config.period,
         looks=looks,
-        reachability=reachability if safe else None,
+        gives_up=safe,
         arm=cell.arm,
     )
     cell.add("sequencer", sequencer)

@@ -38,7 +38,6 @@ def test_either_controller_can_replace_the_other(ports):
         "touch": 7,
         "camera_pose": None,
         "search_target": None,
-        "viewpoint": None,
         "tracking": None,
         "plan": None,
     }

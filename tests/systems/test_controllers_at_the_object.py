@@ -227,23 +227,6 @@ def test_the_open_hand_goes_round_the_ball_to_its_grasp(make, ball, direction):
     assert nearest[1] > 0.0
 
 
-@every
-def test_to_see_another_side_the_hand_first_steps_back_and_then_goes_there(make, ball):
-    X_WG = forward_kinematics(BESIDE, REACH.gripper.X_FG)
-    q_view = BESIDE + np.array([0.4, -0.5, 0.0, 0.3, 0.0, 0.2, 0.5])
-    bench = Bench(make, grasps=GraspSet.empty(), q=BESIDE, pose=RigidTransform(X_WG[:3, 3]))
-    bench.fix(gpdf=Value[object](ball), viewpoint=Value[object](q_view))
-    step = 1e-5
-    after = forward_kinematics(BESIDE + step * bench.command(), REACH.gripper.X_FG)
-    speed = (after - X_WG)[:3, 3] / step
-    assert np.linalg.norm(speed) > 0.02  # the fingers are 2 mm beside the ball
-    np.testing.assert_allclose(speed, -np.linalg.norm(speed) * X_WG[:3, 2], atol=0.005)
-    # Away from the object it goes straight there.
-    bench.fix(object_pose=RigidTransform([0.0, 0.7, 0.3]))
-    qd, way = bench.command(), q_view - BESIDE
-    assert qd @ way / np.linalg.norm(qd) / np.linalg.norm(way) > 0.99
-
-
 @pytest.mark.parametrize("make", [RMMTaskController, GPJointController])
 def test_a_hand_that_has_a_ball_between_its_fingers_the_wrong_way_round_steps_back(make):
     ball = fit_gpdf(sphere_points(400, 0.025), length_scale=0.1)

@@ -3,21 +3,15 @@
 import numpy as np
 import pytest
 from pydrake.common.value import Value
-from pydrake.math import RigidTransform
 
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.systems.ports import evaluate, to_value
+from feasigrasp.systems.ports import to_value
 from tests.sequencer_bench import (
-    UNKNOWN,
-    X_WH,
     X_WO,
     Mock,
-    Q,
     grasps_at,
     perceived,
     tracked,
@@ -86,60 +80,36 @@ def test_nothing_is_looked_for_without_a_place_or_a_camera_on_the_arm():
     assert Mock(tracking=out_of_sight("lost", 7.0)).output("search_target") is None
 
 
-def next_best_view(**inputs):
-    """A sequencer that can look from elsewhere at a ball that was seen."""
-    field, camera = Value[object](fit_gpdf(sphere_points(64, 0.03))), RigidTransform(X_WH)
-    return Mock(reachability=Reachability(), gpdf=field, camera_pose=camera, **inputs)
-
-
-def test_without_a_grasp_in_reach_the_arm_looks_from_another_side():
-    mock = next_best_view(grasps=GraspSet.empty())
-    mock.advance(0.9)
-    assert evaluate(mock.dut.GetOutputPort("viewpoint"), mock.context) is None
-    mock.advance(1.2)
-    q = mock.dut.GetOutputPort("viewpoint").Eval(mock.context)
-    assert Reachability().admissible(q[None])[0] and np.abs(q - Q).max() > 0.1
-    # What comes into reach is gone for at once.
-    mock.fix(grasps=grasps_at(0.05))
-    mock.advance(1.3)
-    assert evaluate(mock.dut.GetOutputPort("viewpoint"), mock.context) is None
-    assert len(mock.output("grasps")) == 1
+def giving_up(**inputs):
+    """A sequencer that gives grasps up, with a ball that was seen."""
+    field = Value[object](fit_gpdf(sphere_points(64, 0.03)))
+    return Mock(gives_up=True, gpdf=field, **{"grasps": grasps_at(0.05, 0.2), **inputs})
 
 
 def test_a_grasp_that_the_hand_does_not_come_to_is_given_up():
-    mock = next_best_view(grasps=grasps_at(0.05, 0.2))
+    mock = giving_up()
     mock.advance(2.9)
     assert len(mock.output("grasps")) == 2
     mock.advance(3.2)
-    assert evaluate(mock.dut.GetOutputPort("viewpoint"), mock.context) is not None
     assert len(mock.output("grasps")) == 1
 
 
 @pytest.mark.parametrize(
     "inputs",
     [
-        {"tracking": tracked("lost")},
         {"gpdf": to_value(None)},
-        {"object_pose": UNKNOWN},
         {"config": GraspSequenceConfig(close=False)},
-        {"config": GraspSequenceConfig(patience=np.inf), "grasps": grasps_at(0.05)},
+        {"config": GraspSequenceConfig(patience=np.inf)},
+        {"gives_up": False},
     ],
 )
-def test_no_other_look_is_taken_at_what_is_not_known_or_not_to_be_grasped(inputs):
-    mock = next_best_view(grasps=GraspSet.empty())
-    mock.fix(**{k: v for k, v in inputs.items() if k != "config"})
-    if "config" in inputs:
-        mock = next_best_view(**{"grasps": GraspSet.empty(), **inputs})
+def test_nothing_is_given_up_of_what_is_not_known_or_not_to_be_grasped(inputs):
+    mock = giving_up(**{k: v for k, v in inputs.items() if k == "config"})
+    mock.fix(**{k: v for k, v in inputs.items() if k == "gpdf"})
+    if "gives_up" in inputs:
+        mock = Mock(grasps=grasps_at(0.05, 0.2))
     mock.advance(5.0)
-    assert evaluate(mock.dut.GetOutputPort("viewpoint"), mock.context) is None
-
-
-def test_without_a_camera_the_hand_only_goes_for_other_grasps():
-    field = Value[object](fit_gpdf(sphere_points(64, 0.03)))
-    mock = Mock(reachability=Reachability(), gpdf=field, grasps=grasps_at(0.05, 0.2))
-    mock.advance(3.2)
-    assert evaluate(mock.dut.GetOutputPort("viewpoint"), mock.context) is None
-    assert len(mock.output("grasps")) == 1
+    assert len(mock.output("grasps")) == 2
 
 
 def test_what_is_in_the_fingers_is_not_let_go_because_the_object_is_lost():

@@ -42,7 +42,6 @@ class StatusCode(StrEnum):
     NOTHING_SEEN = "nothing_seen"
     OUT_OF_REACH = "out_of_reach"
     BLOCKED_BY_TABLE = "blocked_by_table"
-    LOOKING_AGAIN = "looking_again"
     NO_GRASP = "no_grasp"
     WAITING = "waiting"
     BRAKING_FOR_OBSTACLE = "braking_for_obstacle"
@@ -72,7 +71,6 @@ class Situation:
         phase: What the gripper is doing.
         tracking: How much the object's pose is worth.
         search_target: Whether the arm looks for the object.
-        looking: Whether it looks at the object from another side.
         contradicted: Whether the camera contradicts that pose.
         camera_contradicted: Whether the images are not of the camera's pose.
         lapsed: Whether the process that perceives is gone.
@@ -96,7 +94,6 @@ class Situation:
     phase: Phase = Phase.APPROACH
     tracking: Tracking | None = None
     search_target: bool = False
-    looking: bool = False
     contradicted: bool = False
     camera_contradicted: bool = False
     lapsed: bool = False
@@ -169,8 +166,6 @@ def _grasps(now: Situation) -> tuple[StatusCode, str] | None:
         return StatusCode.NOTHING_SEEN, "no view of the object yet"
     if now.reachable == 0 and (place := _place(now.verdicts)):
         return place, _most(now.verdicts)
-    if now.looking:
-        return StatusCode.LOOKING_AGAIN, "from another side, since it did not get on from this one"
     if now.views_dropped and now.grasps == 0:
         return StatusCode.VIEWS_DROPPED, now.views_dropped
     if now.grasps == 0:

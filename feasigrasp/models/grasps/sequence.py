@@ -48,8 +48,8 @@ class GraspSequenceConfig:
         position_tolerance: Distance to a grasp below which the hand is there [m].
         angle_tolerance: The same for the angle [rad].
         dwell: How long the hand must be there before the fingers close [s].
-        patience: A hand that has come no nearer to any grasp for so long gives the nearest one up,
-            and looks at the object from another side [s].
+        patience: A hand that has come no nearer to any grasp for so long gives the nearest one up
+            for a while [s].
         closing_speed: Rate at which the distance between the pads shrinks [m/s].
         closing_time: Fingers that have not stopped by then are taken to have closed [s].
         squeeze_time: How long fingers that have stopped press with all their force before the

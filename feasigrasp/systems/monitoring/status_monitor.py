@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -19,7 +19,6 @@ from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase, unmet_condition
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.quantities import CONFIGURATION
 from feasigrasp.models.reach.reachability import Verdict
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
@@ -141,7 +140,6 @@ class StatusMonitor(LeafSystem):
         - touches
         - search_target
         - lapsed
-        - viewpoint
         - contradicted
         output_ports:
         - status
@@ -153,11 +151,10 @@ class StatusMonitor(LeafSystem):
     `Phase`; ``command_faults`` the number of faulty commands until now; ``scene``, optional, a
     `SceneField` or None, says what was never seen; ``touches``, optional, how often the arm was
     touched; ``search_target``, optional, a `SearchTarget` while the arm looks for the object;
-    ``lapsed``, optional, V1, not 0 while perception's process is gone; ``viewpoint``, optional, is
-    not None while the arm looks at the object from another side; ``contradicted``, optional, is
-    true while images are not of the camera's pose. ``status`` is the present
-    `Status`, ``history`` a tuple of all of them, one for every change of the code, and one every
-    `AGAIN` seconds of a hand that follows, with the condition for closing that it does not meet.
+    ``lapsed``, optional, V1, not 0 while perception's process is gone; ``contradicted``, optional,
+    is true while images are not of the camera's pose. ``status`` is the present `Status`,
+    ``history`` a tuple of all of them, one for every change of the code, and one every `AGAIN`
+    seconds of a hand that follows, with the condition for closing that it does not meet.
     """
 
     def __init__(
@@ -197,9 +194,6 @@ class StatusMonitor(LeafSystem):
         self._touches = self.DeclareVectorInputPort("touches", 1)
         self._search_target = declare_input(self, "search_target", kind=SearchTarget | None)
         self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
-        self._viewpoint = declare_input(
-            self, "viewpoint", kind=Annotated[Array, CONFIGURATION] | None
-        )
         self._contradicted = declare_input(self, "contradicted", kind=bool)
         self._reported = PeriodicState(self, _Reported(), period, self._look)
         state = {self._reported.ticket()}
@@ -254,7 +248,6 @@ class StatusMonitor(LeafSystem):
                 phase=phase,
                 tracking=tracking,
                 search_target=optional(self._search_target, context) is not None,
-                looking=optional(self._viewpoint, context) is not None,
                 contradicted=perceived.contradicted,
                 camera_contradicted=bool(optional(self._contradicted, context)),
                 lapsed=self._lapsed.HasValue(context) and self._lapsed.Eval(context)[0] > 0.0,

@@ -32,7 +32,7 @@ CASES = [
         "wrist",
     ),
     (
-        {"reachable": 0, "looking": True, "verdicts": {"wrist out of reach": 3, "table": 7}},
+        {"reachable": 0, "verdicts": {"wrist out of reach": 3, "table": 7}},
         StatusCode.BLOCKED_BY_TABLE,
         "table",
     ),
@@ -48,7 +48,6 @@ CASES = [
         StatusCode.VIEWS_DROPPED,
         "5.4 m wide",
     ),
-    ({"looking": True, "reachable": 0}, StatusCode.LOOKING_AGAIN, "from another side"),
     ({"contradicted": True, "reachable": 0}, StatusCode.POSE_CONTRADICTED, "elsewhere"),
     ({"lapsed": True, "seen": False}, StatusCode.PERCEPTION_LAPSED, "process"),
     ({"tracking": LOST, "reachable": 0}, StatusCode.POSE_LOST, "2.0 s"),

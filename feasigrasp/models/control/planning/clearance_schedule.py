@@ -24,7 +24,6 @@ from feasigrasp.models.grasps.approach_corridor import (
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import (
-    forward_kinematics,
     pose_and_jacobian,
     pose_jacobian_kernel,
 )
@@ -67,9 +66,8 @@ def obstacle_surface(grid: ObstacleGrid, X_OH: Array, X_OG: Array, hand: Array) 
 #: that is turned by more from each of its grasps is not there for any of them [rad]. Source:
 #: guessed.
 _BETWEEN, _MISALIGNED = 0.015, 1.6
-#: Nearer than this, a hand that is to go elsewhere steps back first [m], so fast [m/s]. Source:
-#: guessed.
-_CLOSE, _BACK_SPEED = 0.05, 0.15
+#: Speed at which such a hand steps back [m/s]. Source: guessed.
+_BACK_SPEED = 0.15
 
 
 def scheduled_obstacle(
@@ -111,12 +109,6 @@ def scheduled_obstacle(
         surface.frame,
     )
     return MovingObject(surface, X_WO, V_WO, extra_clearance, misaligned)
-
-
-def is_close(moving: MovingObject, q: Array, X_FG: Array, arm: Arm = IIWA_7) -> bool:
-    """Whether the object is between the fingers of a hand, or nearly so."""
-    X_OH = inverse_kernel(np.ascontiguousarray(moving.X_WO)) @ forward_kinematics(q, X_FG, arm)
-    return bool(moving.grid.distance_and_gradient(X_OH[:3, 3])[0][0] < _CLOSE)
 
 
 def retreat_velocity(

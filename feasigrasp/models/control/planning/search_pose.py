@@ -39,7 +39,7 @@ _ROLLS = 6
 _CIRCLES_AFTER, _CIRCLE_PERIOD, _WIDENS, _WIDEST = 1.5, 4.0, 0.08, 0.35
 #: Share of the speed that joints may have, and rate at which the way that is left decreases [1/s].
 #: Source: guessed.
-SPEED_SHARE, _GAIN = 0.5, 3.0
+_SPEED_SHARE, _GAIN = 0.5, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,47 +74,30 @@ def search_configuration(
         Shape (7,) [rad]; None if there is none.
     """
     p_W = search_target.X_WO[:3, 3]
+    X_WH = forward_kinematics(q, reachability.gripper.X_FG, reachability.arm)
+    X_CH = se3.inverse(X_WC) @ X_WH
     for sides, distances in (
         (_usual_sides(p_W, X_WC, reachability.arm), (_DISTANCE,)),
         (_ALL_ROUND, _DISTANCES),
     ):
         z_W = _aside(-sides, search_target.age)
         p_WC = p_W + np.array(distances)[:, None, None] * sides
-        views = turned_views(p_WC, np.broadcast_to(z_W, p_WC.shape), X_WC).reshape(-1, 4, 4)
-        found, times = configurations_at(views, q, X_WC, reachability)
+        views = _turned_views(p_WC, np.broadcast_to(z_W, p_WC.shape), X_WC).reshape(-1, 4, 4)
+        found, times = reachability.nearest(views @ X_CH, q)
         best = int(np.argmin(times))
         if np.isfinite(times[best]):
             return found[best]
     return None
 
 
-def configurations_at(
-    views: Array, q: Array, X_WC: Array, reachability: Reachability
-) -> tuple[Array, Array]:
-    """The configurations in which a camera on the hand is at other poses.
-
-    Args:
-        views: These poses, z forward, shape (n, 4, 4) [m].
-        q: Joint positions [rad], shape (7,).
-        X_WC: Where the camera is now, shape (4, 4).
-        reachability: Test of configurations.
-
-    Returns:
-        The soonest one for each, shape (n, 7) [rad], and travel times, shape (n,) [s]: see
-        `Reachability.nearest`.
-    """
-    X_CH = se3.inverse(X_WC) @ forward_kinematics(q, reachability.gripper.X_FG, reachability.arm)
-    return reachability.nearest(views @ X_CH, q)
-
-
-def turned_views(p_WC: Array, z_W: Array, X_WC: Array) -> Array:
+def _turned_views(p_WC: Array, z_W: Array, X_WC: Array) -> Array:
     """Poses of a camera at p (..., 3) that looks along unit z (..., 3), at any turn.
 
     Returns:
         Shape (..., m, 4, 4); the first turn is the nearest to that of the camera at X_WC (4, 4).
     """
     across = X_WC[:3, 0] - (z_W @ X_WC[:3, 0])[..., None] * z_W
-    x = direction(across, se3.perpendiculars(z_W)[0])
+    x = _direction(across, se3.perpendiculars(z_W)[0])
     y, z = np.cross(z_W, x)[..., None, :], z_W[..., None, :]
     roll = np.linspace(0.0, 2.0 * np.pi, _ROLLS, endpoint=False)[:, None]
     turned = np.cos(roll) * x[..., None, :] + np.sin(roll) * y
@@ -128,17 +111,17 @@ def search_velocity(q: Array, q_search: Array, speed: float = 1.0, arm: Arm = II
     ``speed`` is the share of the velocity limits that the arm may use.
     """
     way = q_search - q
-    time = float(np.max(np.abs(way) / (speed * SPEED_SHARE * arm.velocity_limits)))
+    time = float(np.max(np.abs(way) / (speed * _SPEED_SHARE * arm.velocity_limits)))
     return np.asarray(min(_GAIN, 1.0 / max(time, 1e-9)) * way)
 
 
 def _usual_sides(p_W: Array, X_WC: Array, arm: Arm) -> Array:
     """Directions from a place to the camera, to the robot's shoulder, and between, shape (n, 3)."""
-    to_camera = direction(X_WC[:3, 3] - p_W, -X_WC[:3, 2])
+    to_camera = _direction(X_WC[:3, 3] - p_W, -X_WC[:3, 2])
     shoulder = arm.points[1]
-    to_base = direction(shoulder - p_W, to_camera)
+    to_base = _direction(shoulder - p_W, to_camera)
     share = np.array(_FROM_BASE)[:, None]
-    return direction((1.0 - share) * to_camera + share * to_base, to_base)
+    return _direction((1.0 - share) * to_camera + share * to_base, to_base)
 
 
 def _aside(z: Array, age: float) -> Array:
@@ -149,7 +132,7 @@ def _aside(z: Array, age: float) -> Array:
     return np.asarray(np.cos(angle) * z + np.sin(angle) * (np.cos(phase) * x + np.sin(phase) * y))
 
 
-def direction(v: Array, otherwise: Array) -> Array:
+def _direction(v: Array, otherwise: Array) -> Array:
     """Unit vectors along v (..., 3); another where v has no length."""
     length = np.linalg.norm(v, axis=-1, keepdims=True)
     return np.where(length > 1e-6, v / np.maximum(length, 1e-6), otherwise)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.control.planning.clearance_schedule import (
-    is_close,
     scheduled_obstacle,
     step_back,
 )
@@ -88,15 +87,6 @@ def test_a_hand_is_astray_with_the_ball_between_its_fingers_but_for_no_grasp(
             ball, Q, X_WO, V_WO, X_FG, np.reshape(grasps, (-1, 4, 4)), CORRIDOR
         )
         assert found.misaligned is misaligned
-
-
-@pytest.mark.parametrize(("away", "close"), [(0.0, True), (0.07, True), (0.09, False)])
-def test_an_object_is_close_up_to_five_centimetres_before_the_middle_between_the_pads(
-    ball, away, close
-):
-    X_WH = forward_kinematics(Q, X_FG)
-    X_WB = se3.make_pose(np.eye(3), X_WH[:3, 3] + away * X_WH[:3, 2])
-    assert is_close(scheduled_obstacle(ball, Q, X_WB, V_WO, X_FG, [], CORRIDOR), Q, X_FG) is close
 
 
 def test_the_hand_steps_back_along_its_own_axis_seen_from_the_object():

@@ -1,0 +1,119 @@
+"""Stall detection: the hand gives up grasps that it comes no nearer to.
+
+It goes for grasps that are more likely than not, and sure to carry the object; the longer none of
+these has been in reach, the less is asked of another one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.grasps.approach_corridor import grasp_errors
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.non_maximum_suppression import filter_by_score
+from feasigrasp.models.grasps.payload import filter_by_payload
+
+#: The hand gets on if the way becomes so much shorter [m], or by this share of it. Source: guessed.
+_PROGRESS, _PROGRESS_SHARE = 0.02, 0.3
+#: What a turn of the hand counts as, beside its way [m/rad]. Source: guessed.
+_LEVER = 0.1
+#: Over this time without a good grasp it falls by e how good one has to be [s]. Chosen on seeds 4
+#: and 5 of ReachCircular by camera: with 10 s hands waited where 2 s let them come near and see
+#: more. Source: measured.
+_RELAXES = 2.0
+#: Grasps this near to one that was not come by [m], [rad] are given up with it, for so long [s].
+#: Source: guessed.
+_LIKE_IT, _FORGOTTEN = np.array([0.03, 0.5]), 15.0
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt(Frozen):
+    """Progress of the hand towards its grasps, for stall detection.
+
+    Attributes:
+        left: Least way to a grasp until now [m]; infinite at first.
+        since: When it was as little for the first time [s], later by the time without a grasp.
+        time: When this was so [s].
+        wanting: How long there has been none that is good, less how long there has [s].
+        given_up: Grasps that the hand did not come by, in O, shape (k, 4, 4) [m].
+        given_up_at: When they were given up, shape (k,) [s].
+    """
+
+    left: float = np.inf
+    since: float = np.nan
+    time: float = np.nan
+    wanting: float = 0.0
+    given_up: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
+    given_up_at: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def least(self) -> float:
+        """Least `GraspSet.payload_score`, and least share of even odds, of a usable grasp."""
+        return float(np.exp(-self.wanting / _RELAXES))
+
+    def usable(self, grasps: GraspSet) -> GraspSet:
+        """The grasps that are not given up, and good enough."""
+        grasps = _as_good(grasps, self.least)
+        kept = self._left_of(grasps)
+        return grasps if kept.all() else grasps.select(np.flatnonzero(kept))
+
+    def _left_of(self, grasps: GraspSet) -> Mask:
+        """Which of the grasps are not given up, shape (n,)."""
+        kept = np.ones(len(grasps), dtype=bool)
+        for X_OG in self.given_up:
+            kept &= np.max(grasp_errors(grasps.X_OG, X_OG) / _LIKE_IT, axis=1) > 1.0
+        return kept
+
+    def interrupted(self, time: float) -> Attempt:
+        """The attempt during a gap without data."""
+        return Attempt(time=time, wanting=self.wanting)
+
+    def _contented(self, time: float, grasps: GraspSet) -> Attempt:
+        """The same at a time, content with less the longer no good grasp has been there.
+
+        What it is content with comes back as slowly: grasps that are good by a hair would make the
+        others come and go.
+        """
+        since = 0.0 if np.isnan(self.time) else time - self.time
+        good = self._left_of(_as_good(grasps, 1.0)).any()
+        wanting = max(0.0, self.wanting - since) if good else self.wanting + since
+        return replace(self, time=time, wanting=wanting)
+
+    def advanced(self, time: float, X_OH: Array, grasps: GraspSet, patience: float) -> Attempt:
+        """The attempt at a time.
+
+        Args:
+            time: Now [s].
+            X_OH: Pose of the hand in O, shape (4, 4) [m].
+            grasps: Those that it is given.
+            patience: Without progress for so long, the nearest grasp is given up [s].
+        """
+        lasting = time - self.given_up_at < _FORGOTTEN
+        now = replace(self, given_up=self.given_up[lasting], given_up_at=self.given_up_at[lasting])
+        now = now._contented(time, grasps)
+        usable = now.usable(grasps)
+        if len(usable) == 0:
+            # Grasps that come and go do not make the hand get on.
+            return replace(now, since=now.since + time - self.time)
+        ways = grasp_errors(usable.X_OG, X_OH) @ [1.0, _LEVER]
+        progress = min(_PROGRESS, _PROGRESS_SHARE * now.left)
+        if now.left == np.inf or ways.min() < now.left - progress:
+            return replace(now, left=float(ways.min()), since=time)
+        if time - now.since < patience:
+            return now
+        nearest = usable.X_OG[int(ways.argmin())]
+        return replace(
+            now,
+            left=np.inf,
+            since=time,
+            given_up=np.concatenate([now.given_up, nearest[None]]),
+            given_up_at=np.append(now.given_up_at, time),
+        )
+
+
+def _as_good(grasps: GraspSet, least: float) -> GraspSet:
+    """The grasps that are so sure to carry, and score so large a share of even odds."""
+    return filter_by_score(filter_by_payload(grasps, least), least)
