@@ -42,6 +42,7 @@ SAMPLE_NAMES = (
     "sampled_grasps",
     "reachable_grasps",
     "view_age",
+    "tracked_position_error",
 )
 
 
@@ -55,6 +56,7 @@ class Metrics(LeafSystem):
         - state
         - object_pose
         - frame_pose
+        - tracked_pose
         - grasps
         - phase
         - sampled_grasps
@@ -64,7 +66,8 @@ class Metrics(LeafSystem):
 
     ``state`` is the arm's V14 state, ``object_pose`` the true one, X_WB, ``frame_pose`` the true
     pose X_WO of the object frame in which the grasps are, where that is not the object's own (see
-    `TrueFrame`; the port may stay unconnected), ``grasps`` what the controller is given, in O,
+    `TrueFrame`; the port may stay unconnected), ``tracked_pose``, optional, what is measured of
+    that one, ``grasps`` what the controller is given, in O,
     ``sampled_grasps`` what reachability was judged of, ``view_time`` the time of the last view
     behind ``grasps`` (NaN without one). These three may stay unconnected, where no system has
     them. ``sample`` holds `SAMPLE_NAMES`: smallest distance to a joint limit (negative beyond it);
@@ -72,7 +75,7 @@ class Metrics(LeafSystem):
     (NaN without grasps); the object's position in the hand, the hand's orientation on the object as
     a rotation vector, the object's position and orientation in the world likewise; the `Phase`; how
     many grasps were sampled, and how many of them the controller is given (NaN if unconnected);
-    time since the last view.
+    time since the last view; distance of the tracked position from the true one (NaN likewise).
     """
 
     @checked()
@@ -83,6 +86,7 @@ class Metrics(LeafSystem):
         self._state = self.DeclareVectorInputPort("state", 2 * arm.joints)
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._frame_pose = declare_input(self, "frame_pose", RigidTransform())
+        self._tracked = declare_input(self, "tracked_pose", RigidTransform())
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._sampled = declare_input(self, "sampled_grasps", GraspSet.empty())
@@ -92,16 +96,18 @@ class Metrics(LeafSystem):
     def _calc(self, context: Context, output) -> None:
         q, v = np.split(self._state.Eval(context), 2)
         X_WB = self._pose.Eval(context).GetAsMatrix4()
+        X_WO = X_WB
+        if self._frame_pose.HasValue(context):
+            X_WO = self._frame_pose.Eval(context).GetAsMatrix4()
+        tracked: RigidTransform | None = optional(self._tracked, context)
+        p_WO = np.full(3, np.nan) if tracked is None else tracked.translation()
         X_WH = forward_kinematics(q, self._gripper.X_FG, self._arm)
         X_BH = inverse_kernel(X_WB) @ X_WH
         grasps: GraspSet | None = optional(self._grasps, context)
         sampled: GraspSet | None = optional(self._sampled, context)
         nearest = np.full(2, np.nan)
         if grasps is not None and len(grasps) > 0:
-            X_OH = X_BH
-            if self._frame_pose.HasValue(context):
-                X_OH = inverse_kernel(self._frame_pose.Eval(context).GetAsMatrix4()) @ X_WH
-            errors = grasp_errors(grasps.X_OG, X_OH)
+            errors = grasp_errors(grasps.X_OG, inverse_kernel(X_WO) @ X_WH)
             nearest = errors[np.argmin(errors[:, 0] + 0.1 * errors[:, 1])]
         p_HB = inverse_kernel(X_BH)[:3, 3]
         view_time = (
@@ -118,6 +124,7 @@ class Metrics(LeafSystem):
                     so3_log_kernel(np.ascontiguousarray(X_WB[:3, :3])),
                     self._phase.Eval(context),
                     [_count(sampled), _count(grasps), context.get_time() - view_time],
+                    [np.linalg.norm(p_WO - X_WO[:3, 3])],
                 ]
             )
         )

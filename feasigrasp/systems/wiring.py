@@ -215,6 +215,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "state": "station.arm.state_estimated",
         "object_pose": "station.object.pose",
         "frame_pose": "true_frame.frame_pose",
+        "tracked_pose": "tracker.object_pose",
         "phase": "sequencer.phase | handover.phase",
         "grasps": "sequencer.grasps | handover.grasps",
         "sampled_grasps": "latency.y",

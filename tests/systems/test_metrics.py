@@ -143,7 +143,16 @@ def test_the_nearest_grasp_counts(station, sample):
 def test_without_grasps_only_their_errors_are_nan(sample):
     x = sample(HOME)
     missing = {name for name, value in x.items() if np.isnan(value)}
-    assert missing == {"grasp_position_error", "grasp_angle_error", "view_age"}
+    assert missing == {
+        *("grasp_position_error", "grasp_angle_error", "view_age", "tracked_position_error"),
+    }
+
+
+def test_the_tracked_position_is_compared_with_that_of_the_object_s_frame(sample):
+    off = RigidTransform([0.003, 0.0, 0.004])
+    assert sample(HOME, tracked_pose=X_WO @ off)["tracked_position_error"] == pytest.approx(0.005)
+    x = sample(HOME, frame_pose=X_WO @ off, tracked_pose=X_WO @ off)
+    assert x["tracked_position_error"] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_where_nobody_knows_of_grasps_they_are_not_counted(fixed_context):
@@ -154,7 +163,7 @@ def test_where_nobody_knows_of_grasps_they_are_not_counted(fixed_context):
     unknown = {name for name, value in found.items() if np.isnan(value)}
     assert unknown == {
         *("grasp_position_error", "grasp_angle_error", "view_age"),
-        *("sampled_grasps", "reachable_grasps"),
+        *("sampled_grasps", "reachable_grasps", "tracked_position_error"),
     }
 
 

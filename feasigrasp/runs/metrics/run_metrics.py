@@ -132,6 +132,7 @@ def summarize(
         "grasp_angle_error_deg_median": _median(
             x["grasp_angle_error"][approach], math.degrees(1.0)
         ),
+        "tracked_position_error_mm_median": _median(x["tracked_position_error"][approach], 1e3),
         "limit_margin_min_deg": math.degrees(float(x["limit_margin"].min())),
     }
     X_OH = se3.make_pose(se3.so3_exp(_vector(x, "r_OH")), np.zeros(3))

@@ -154,6 +154,8 @@ METRICS: dict[str, Metric] = {
         "median over the approach; nearest by position [m] + 0.1 angle [rad]", digits=1),
     "grasp_angle_error_deg_median": Metric(_APPROACH, "deg", "angle error to that grasp",
         "likewise", upper=180.0),
+    "tracked_position_error_mm_median": Metric(_APPROACH, "mm", "tracked position error",
+        "median distance of the tracked from the true position, in the approach", digits=1),
     "tracked_percent": Metric(_APPROACH, "%", "time at a grasp",
         "share of approach samples after 2 s, within 15 mm and 8° of the nearest grasp",
         upper=100.0),

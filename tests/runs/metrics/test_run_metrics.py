@@ -78,11 +78,13 @@ def test_grasp_errors_are_those_of_the_approach():
             phase=[A, A, A, A, C, L],
             grasp_position_error=[np.nan, 0.05, 0.01, 0.002, 0.0, 0.0],
             grasp_angle_error=[np.nan, 0.3, 0.2, 0.1, 0.0, 0.0],
+            tracked_position_error=[np.nan, 0.003, 0.002, 0.001, 0.1, 0.1],
         ),
         closes=True,
     )
     assert result["grasp_position_error_mm_median"] == pytest.approx(10.0)
     assert result["grasp_angle_error_deg_median"] == pytest.approx(np.degrees(0.2))
+    assert result["tracked_position_error_mm_median"] == pytest.approx(2.0)
 
 
 def test_without_any_grasp_there_is_no_error_to_report():
