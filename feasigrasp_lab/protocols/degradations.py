@@ -56,6 +56,11 @@ def _hand_eye(scenario: Scenario) -> None:
     noise |= {"hand_eye_position": 0.005, "hand_eye_angle_deg": 1.0}
 
 
+def _smeared(scenario: Scenario) -> None:
+    """Disparities are smeared over edges, so far as in a sequence of a RealSense [px]."""
+    scenario.camera_noise[scenario.perception.camera] |= {"smear": 3.0}
+
+
 def _late(seconds: float) -> Change:
     """Images that arrive so long after their exposure [s]."""
 
@@ -101,6 +106,7 @@ DEGRADATIONS: dict[str, Change] = {
     "latency-0": _late(0.0),
     "latency-0.12": _late(0.12),
     "errors-2": _with("sensors", "error_factor", 2.0),
+    "smear": _smeared,
     "hand-eye": _hand_eye,
     "carrier-soft": _carrier(Compliance.SOFT),
     "carrier-rigid": _carrier(Compliance.RIGID),

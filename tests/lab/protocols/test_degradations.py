@@ -30,6 +30,7 @@ def changed_keys(name):
         "latency-0": ["output_delay: 0.0"],
         "latency-0.12": ["output_delay: 0.12"],
         "errors-2": ["error_factor: 2.0"],
+        "smear": ["smear: 3.0"],
         "hand-eye": ["hand_eye_angle_deg: 1.0", "hand_eye_position: 0.005"],
         "carrier-soft": ["stiffness: soft"],
         "carrier-rigid": ["stiffness: rigid"],
