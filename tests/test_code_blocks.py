@@ -6,6 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from textwrap import indent
 
+import numpy as np
 import pytest
 import trimesh
 import yaml
@@ -123,7 +124,9 @@ def test_every_scenario_of_the_page_loads(examples, tmp_path):
     file.write_text(examples["SlowLift"])
     scenario = load_scenario(file, "SlowLift")
     motion = make_motion(scenario)
-    assert motion.pose(0.0)[:3, 3] == pytest.approx([0.5, 0.0, 0.55])
+    p_WO = np.array([motion.pose(t)[:3, 3] for t in np.linspace(0.0, 2.0 * np.pi / 0.3, 101)])
+    assert np.ptp(p_WO, axis=0) == pytest.approx([0.0, 0.2, 0.1], abs=1e-3)
+    assert 0.5 * (p_WO.max(axis=0) + p_WO.min(axis=0)) == pytest.approx([0.5, 0, 0.55], abs=1e-3)
     assert scenario.object.model == "mug"
     depth = "perception: {segmentation: depth}"
     around = load_scenario(file, "SlowLift", f"{examples['carrier']}\n{depth}")

@@ -57,6 +57,7 @@ OPEN = {
     ("controller", "static_obstacles"),
     ("sequencer", "arrival"),
     ("sequencer", "lapsed"),
+    ("status", "contradicted"),
     ("status", "lapsed"),
     ("status", "scene"),
     ("tracker", "stamp"),

@@ -58,11 +58,11 @@ def wire():
 
 
 def camera(loop):
-    """Pose of the camera and joints as the sequencer has them; its pose at its last image."""
+    """Pose of the camera and joints as the controller has them; its pose at its last image."""
     root = loop.simulator.get_context()
-    station, sequencer = (loop.diagram.GetSubsystemByName(n) for n in ("station", "sequencer"))
-    context = sequencer.GetMyContextFromRoot(root)
-    now, q = (sequencer.GetInputPort(n).Eval(context) for n in ("camera_pose", "position"))
+    station, controller = (loop.diagram.GetSubsystemByName(n) for n in ("station", "controller"))
+    context = controller.GetMyContextFromRoot(root)
+    now, q = (controller.GetInputPort(n).Eval(context) for n in ("camera_pose", "position"))
     then = station.GetOutputPort("wrist_camera.pose").Eval(station.GetMyContextFromRoot(root))
     return copy.deepcopy((now, q, then))  # ports hand out what will change
 
