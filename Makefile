@@ -24,7 +24,7 @@ test: setup
 try-newest: setup
 	tools/try_newest.sh
 
-# Every figure of README and docs anew, at one revision; resumable. By the estimates of its list ten hours on two cores.
+# Every figure of README and docs anew, at one revision; resumable. By the estimates of its list 13 hours on two cores.
 results: export OMP_NUM_THREADS = 1
 results: setup
 	$(PYTHON) -m feasigrasp.cli evaluate all --out out/results
