@@ -295,11 +295,15 @@ def test_every_import_is_a_declared_dependency(repository):
     # What runs on a cluster or compares with peers may need more; it says
     # what to install.
     extra = project["optional-dependencies"]
-    optional = ("cluster", "exr", "peers", "realsense")
+    optional = ("cluster", "exr", "mcap", "peers", "realsense")
     entries = [*project["dependencies"], *(entry for name in optional for entry in extra[name])]
     declared = {re.split(r"[<>=\[ ]", entry)[0] for entry in entries}
     module_of = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
-    module_of |= {"small-gicp": "small_gicp", "lazy-loader": "lazy_loader"}
+    module_of |= {
+        "small-gicp": "small_gicp",
+        "mcap-ros2-support": "mcap_ros2",
+        "lazy-loader": "lazy_loader",
+    }
     allowed = {module_of.get(name, name) for name in declared} | {"feasigrasp", "feasigrasp_lab"}
     allowed |= {"drake"}  # the messages in the wheel of that name
     allowed |= set(sys.stdlib_module_names)

@@ -6,8 +6,9 @@ For example::
     feasigrasp perceive --depth my_recording/depth/000000.png --on-table --grasps grasps.json
 
 Ctrl-C ends it, too. `feasigrasp track` and `feasigrasp perceive` read the folder. A RealSense needs
-pyrealsense2 (``pip install pyrealsense2``); another camera is a class of yours,
-called as `feasigrasp.recordings.recorder.realsense` is.
+pyrealsense2 (``pip install pyrealsense2``); another camera is a class of yours, called as
+`feasigrasp.recordings.recorder.realsense` is. ``--camera bag.mcap`` takes the images of a ROS 2
+recording (``pip install mcap-ros2-support``).
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from feasigrasp.recordings.recorder import (
     realsense,
     recorded,
 )
+from feasigrasp.recordings.rosbag import rosbag
 from feasigrasp.runs.results.arguments import factor, positive
 from feasigrasp.runs.results.interrupts import postponed_interrupt
 from feasigrasp.scenario.parts import load_named
@@ -40,7 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_camera_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds which camera, and what of it."""
     parser.add_argument(
-        "--camera", default="realsense", help="A realsense, or your own as package.module:Name."
+        "--camera",
+        default="realsense",
+        help="A realsense, your own as package.module:Name, or a ROS 2 recording (.mcap).",
     )
     parser.add_argument("--frames", type=positive, help="Number of images. Default: until Ctrl-C.")
     parser.add_argument(
@@ -60,6 +64,8 @@ def _size(text: str) -> tuple[int, int]:
 
 def camera_named(name: str) -> DepthCamera:
     """The camera of ``--camera``."""
+    if name.endswith(".mcap"):
+        return lambda width, height, rate: rosbag(Path(name))
     return realsense if name == "realsense" else load_named(f"--camera {name!r}", name)
 
 

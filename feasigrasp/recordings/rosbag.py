@@ -1,0 +1,153 @@
+"""Depth and color images of a ROS 2 recording (rosbag2 in MCAP), as those of a camera."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from feasigrasp.errors import CameraError, HardwareError, InputError
+from feasigrasp.recordings.camera_file import CameraInfo
+from feasigrasp.recordings.recorder import DepthFrame
+
+_IMAGES = {"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"}
+#: NumPy's type of a pixel and its channels, by encoding of sensor_msgs/Image.
+_ENCODINGS = {
+    "16UC1": ("u2", 1),
+    "mono16": ("u2", 1),
+    "32FC1": ("f4", 1),
+    "rgb8": ("u1", 3),
+    "bgr8": ("u1", 3),
+    "rgba8": ("u1", 4),
+    "bgra8": ("u1", 4),
+}
+
+
+@contextmanager
+def rosbag(file: Path) -> Iterator[tuple[CameraInfo, Iterator[DepthFrame]]]:
+    """Opens a recording with images (raw, or compressed as PNG or JPEG) and a camera_info.
+
+    The topic of depth images is the one with ``depth`` in its name, of several the one with
+    ``aligned`` in it. Color is of the topic with ``color`` or ``rgb`` in its name, whose images
+    have to be of the same pixels; without one, images are black.
+
+    Args:
+        file: The MCAP file.
+
+    Yields:
+        The depth camera, and its images in order of time.
+
+    Raises:
+        HardwareError: mcap-ros2-support is not installed.
+        InputError: The file cannot be read, or has no such topics; while images are read: one has
+            an encoding that is not known.
+        CameraError: The depth image is distorted.
+    """
+    try:
+        from mcap.exceptions import McapError
+        from mcap.reader import make_reader
+        from mcap_ros2.decoder import DecoderFactory
+    except ImportError as error:
+        raise HardwareError(
+            f"{file} is read by mcap-ros2-support ({error}); pip install mcap-ros2-support"
+        ) from error
+    try:
+        with file.open("rb") as opened:
+            reader = make_reader(opened, decoder_factories=[DecoderFactory()])
+            summary = reader.get_summary()
+            kinds = {} if summary is None else summary.schemas
+            channels = [] if summary is None else [*summary.channels.values()]
+            images = [c.topic for c in channels if kinds[c.schema_id].name in _IMAGES]
+            depth = _chosen([topic for topic in images if "depth" in topic])
+            if depth is None:
+                found = ", ".join(channel.topic for channel in channels)
+                raise InputError(f"{file} has no images of depth; its topics are {found}")
+            beside = [topic for topic in images if "depth" not in topic]
+            color = _chosen([topic for topic in beside if "color" in topic or "rgb" in topic])
+            info = depth.removesuffix("/compressedDepth").rpartition("/")[0] + "/camera_info"
+            first = next(reader.iter_decoded_messages([info]), None)
+            if first is None:
+                raise InputError(f"{file} has no {info}, the intrinsics of {depth}; record it too")
+            messages = reader.iter_decoded_messages([depth, *([color] if color else [])])
+            yield _camera(first[3], info), _frames(depth, messages)
+    except (OSError, McapError) as error:
+        raise InputError(f"{file} cannot be read as MCAP ({error})") from error
+
+
+def _chosen(topics: list[str]) -> str | None:
+    """Of several topics the aligned one, or the one with the shortest name."""
+    return min(topics, key=lambda topic: ("aligned" not in topic, len(topic)), default=None)
+
+
+def _camera(info: Any, topic: str) -> CameraInfo:
+    if any(info.d):
+        raise CameraError(
+            f"{topic}: the depth image is distorted ({list(info.d)}), which is not reckoned with; "
+            "record the rectified one"
+        )
+    k = info.k
+    return CameraInfo((k[0], k[4], k[2], k[5]), size=(info.width, info.height), source=topic)
+
+
+def _frames(depth_topic: str, messages: Any) -> Iterator[DepthFrame]:
+    """Each depth image with the color image that is nearest in time."""
+    waiting: list[tuple[float, NDArray[np.uint16]]] = []
+    color: tuple[float, NDArray[np.uint8]] | None = None
+    number = 0
+    for _, channel, _, message in messages:
+        time = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        pixels = _pixels(channel.topic, message)
+        if channel.topic == depth_topic:
+            waiting.append((time, _millimetres(pixels)))
+            continue
+        later = time, pixels[..., :3].astype(np.uint8)
+        for taken, depth in waiting:
+            sooner = color is not None and taken - color[0] < time - taken
+            yield _frame(number, taken, depth, color if sooner and color else later)
+            number += 1
+        waiting, color = [], later
+    for taken, depth in waiting:
+        yield _frame(number, taken, depth, color)
+        number += 1
+
+
+def _frame(
+    number: int,
+    time: float,
+    depth: NDArray[np.uint16],
+    color: tuple[float, NDArray[np.uint8]] | None,
+) -> DepthFrame:
+    black = np.zeros((*depth.shape, 3), dtype=np.uint8)
+    return DepthFrame(time, number, depth, black if color is None else color[1])
+
+
+def _pixels(topic: str, message: Any) -> NDArray[Any]:
+    """The image of a message, shape (height, width) or (height, width, channels)."""
+    if not hasattr(message, "encoding"):  # compressed; depth has a header of 12 bytes
+        data = bytes(message.data)
+        return np.array(Image.open(io.BytesIO(data[12:] if "compressedDepth" in topic else data)))
+    if message.encoding not in _ENCODINGS:
+        known = ", ".join(_ENCODINGS)
+        raise InputError(f"{topic}: images are {message.encoding}; known are {known}")
+    kind, channels = _ENCODINGS[message.encoding]
+    dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
+    rows = np.frombuffer(bytes(message.data), np.uint8).reshape(message.height, message.step)
+    used = np.ascontiguousarray(rows[:, : message.width * channels * dtype.itemsize])
+    image = used.view(dtype).reshape(message.height, message.width, channels)
+    if message.encoding.startswith("bgr"):
+        image = image[..., [2, 1, 0]]
+    return image[..., 0] if channels == 1 else image
+
+
+def _millimetres(depth: NDArray[Any]) -> NDArray[np.uint16]:
+    """Depth of whole millimetres as it is; that of floats [m] rounded, 0 where there is none."""
+    if depth.dtype.kind != "f":
+        return depth.astype(np.uint16)
+    whole = np.rint(1e3 * np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0))
+    return np.where(whole <= np.iinfo(np.uint16).max, whole, 0).astype(np.uint16)
