@@ -7,7 +7,8 @@ import threading
 import time
 import traceback
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -152,9 +153,7 @@ def run(
     say("building the diagram")
     # Made now: the revision may change while the simulation runs.
     record = crash_record(scenario, name, "")
-    with one_thread():
-        # What is alive here, compiled code above all, stays: not worth traversing again.
-        gc.freeze()
+    with one_thread(), _frozen():
         watched = live.meshcat if live else None
         meshcat = start_recording(watched) if replay else watched
         error = None
@@ -217,6 +216,16 @@ def run(
         looks = monitor.looks(monitor.GetMyContextFromRoot(context))
         write_replay(meshcat, replay, (*looks, outcome), pictures, ghost or "")
     return Result(record, read_run_log(diagram, context) if log else {}, times, samples)
+
+
+@contextmanager
+def _frozen() -> Iterator[None]:
+    """Leaves what is alive here, compiled code above all, out of garbage collection meanwhile."""
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def _what_failed(failure: Exception) -> str:

@@ -299,6 +299,6 @@ def test_nothing_of_a_run_stays_alive(monkeypatch):
 
     monkeypatch.setattr("feasigrasp.runs.run.Simulator", simulator_of)
     run(load_scenario(FILE, "ReachLinearMocap", "{simulation_duration: 0.1}"))
-    gc.unfreeze()
     gc.collect()
     assert [simulator() for simulator in alive] == [None]
+    assert gc.get_freeze_count() == 0
