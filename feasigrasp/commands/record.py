@@ -88,6 +88,8 @@ def main(args: argparse.Namespace) -> int:
             if count == 0:
                 raise
             broken = error
+    if first is None:
+        raise HardwareError(f"{args.camera} gave no image")
     more = f"; {missed} more were missed" if missed > 0 else ""
     print(f"{args.out}: {count} images in {duration:.1f} s{more}")
     if broken is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,8 +46,7 @@ def rosbag(file: Path) -> Iterator[tuple[CameraInfo, Iterator[DepthFrame]]]:
 
     Raises:
         HardwareError: mcap-ros2-support is not installed.
-        InputError: The file cannot be read, or has no such topics; while images are read: one has
-            an encoding that is not known.
+        InputError: The file, or later an image, cannot be read; it has no such topics.
         CameraError: The depth image is distorted.
     """
     try:
@@ -61,13 +61,15 @@ def rosbag(file: Path) -> Iterator[tuple[CameraInfo, Iterator[DepthFrame]]]:
         with file.open("rb") as opened:
             reader = make_reader(opened, decoder_factories=[DecoderFactory()])
             summary = reader.get_summary()
-            kinds = {} if summary is None else summary.schemas
-            channels = [] if summary is None else [*summary.channels.values()]
+            if summary is None or summary.statistics is None:
+                raise InputError(f"{file} was cut off: no summary; 'mcap recover' mends it")
+            counts, kinds = summary.statistics.channel_message_counts, summary.schemas
+            channels = [c for number, c in summary.channels.items() if counts.get(number)]
             images = [c.topic for c in channels if kinds[c.schema_id].name in _IMAGES]
             depth = _chosen([topic for topic in images if "depth" in topic])
             if depth is None:
                 found = ", ".join(channel.topic for channel in channels)
-                raise InputError(f"{file} has no images of depth; its topics are {found}")
+                raise InputError(f"{file} has no images of depth; topics with messages are {found}")
             beside = [topic for topic in images if "depth" not in topic]
             color = _chosen([topic for topic in beside if "color" in topic or "rgb" in topic])
             info = depth.removesuffix("/compressedDepth").rpartition("/")[0] + "/camera_info"
@@ -99,50 +101,42 @@ def _frames(depth_topic: str, messages: Any) -> Iterator[DepthFrame]:
     """Each depth image with the color image that is nearest in time."""
     waiting: list[tuple[float, NDArray[np.uint16]]] = []
     color: tuple[float, NDArray[np.uint8]] | None = None
-    number = 0
+    count = itertools.count()
     for _, channel, _, message in messages:
         time = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         pixels = _pixels(channel.topic, message)
         if channel.topic == depth_topic:
             waiting.append((time, _millimetres(pixels)))
             continue
-        later = time, pixels[..., :3].astype(np.uint8)
+        later = time, pixels
         for taken, depth in waiting:
-            sooner = color is not None and taken - color[0] < time - taken
-            yield _frame(number, taken, depth, color if sooner and color else later)
-            number += 1
+            sooner = color if color and taken - color[0] < time - taken else later
+            yield DepthFrame(taken, next(count), depth, sooner[1])
         waiting, color = [], later
     for taken, depth in waiting:
-        yield _frame(number, taken, depth, color)
-        number += 1
-
-
-def _frame(
-    number: int,
-    time: float,
-    depth: NDArray[np.uint16],
-    color: tuple[float, NDArray[np.uint8]] | None,
-) -> DepthFrame:
-    black = np.zeros((*depth.shape, 3), dtype=np.uint8)
-    return DepthFrame(time, number, depth, black if color is None else color[1])
+        last = color[1] if color else np.zeros((*depth.shape, 3), dtype=np.uint8)
+        yield DepthFrame(taken, next(count), depth, last)
 
 
 def _pixels(topic: str, message: Any) -> NDArray[Any]:
-    """The image of a message, shape (height, width) or (height, width, channels)."""
-    if not hasattr(message, "encoding"):  # compressed; depth has a header of 12 bytes
-        data = bytes(message.data)
-        return np.array(Image.open(io.BytesIO(data[12:] if "compressedDepth" in topic else data)))
-    if message.encoding not in _ENCODINGS:
+    """The image of a message: depth (height, width), or red, green, blue (height, width, 3)."""
+    data = bytes(message.data)
+    try:
+        if not hasattr(message, "encoding"):  # compressed; depth has a header of 12 bytes
+            picture = Image.open(io.BytesIO(data[12:] if "compressedDepth" in topic else data))
+            return np.array(picture if "depth" in topic else picture.convert("RGB"))
+        kind, channels = _ENCODINGS[message.encoding]
+        dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
+        rows = np.frombuffer(data, np.uint8).reshape(message.height, message.step)
+        used = np.ascontiguousarray(rows[:, : message.width * channels * dtype.itemsize])
+        image = used.view(dtype).reshape(message.height, message.width, channels)
+    except KeyError as error:
         known = ", ".join(_ENCODINGS)
-        raise InputError(f"{topic}: images are {message.encoding}; known are {known}")
-    kind, channels = _ENCODINGS[message.encoding]
-    dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
-    rows = np.frombuffer(bytes(message.data), np.uint8).reshape(message.height, message.step)
-    used = np.ascontiguousarray(rows[:, : message.width * channels * dtype.itemsize])
-    image = used.view(dtype).reshape(message.height, message.width, channels)
-    if message.encoding.startswith("bgr"):
-        image = image[..., [2, 1, 0]]
-    return image[..., 0] if channels == 1 else image
+        raise InputError(f"{topic}: images are {message.encoding}; give {known}") from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"{topic}: an image is broken ({error})") from error
+    order = [2, 1, 0] if message.encoding.startswith("bgr") else [0, 1, 2]
+    return image[..., 0] if channels == 1 else image[..., order]
 
 
 def _millimetres(depth: NDArray[Any]) -> NDArray[np.uint16]:

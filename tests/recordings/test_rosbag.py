@@ -142,13 +142,31 @@ def test_compressed_images_are_read(tmp_path):
         (
             [(INFO, info()), (DEPTH, raw(DEPTHS[0], "yuv422", 10.0))],
             InputError,
-            "yuv422; known are 16UC1",
+            "yuv422; give 16UC1",
         ),
     ],
 )
 def test_what_is_missing_is_named(tmp_path, messages, error, says):
     with pytest.raises(error, match=says):
         read(written(tmp_path / "a.mcap", *messages))
+
+
+def test_a_broken_image_and_a_recording_that_was_cut_off_are_named(tmp_path):
+    kind, message = raw(DEPTHS[0], "16UC1", 10.0)
+    short = kind, message | {"data": message["data"][:-7]}
+    with pytest.raises(InputError, match="image_raw: an image is broken"):
+        read(written(tmp_path / "a.mcap", (INFO, info()), (DEPTH, short)))
+    whole = written(tmp_path / "b.mcap", (INFO, info()), (DEPTH, (kind, message))).read_bytes()
+    (tmp_path / "c.mcap").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"c\.mcap (was cut off|cannot be read)"):
+        read(tmp_path / "c.mcap")
+
+
+def test_a_camera_without_images_is_named(tmp_path, monkeypatch, capsys):
+    bag = written(tmp_path / "a.mcap", (INFO, info()), (DEPTH, raw(DEPTHS[0], "16UC1", 10.0)))
+    monkeypatch.setattr("feasigrasp.recordings.rosbag._frames", lambda *_: iter(()))
+    assert cli.main(["record", "--camera", str(bag), "--out", str(tmp_path / "out")]) == 2
+    assert "a.mcap gave no image" in capsys.readouterr().err
 
 
 def test_another_file_and_a_missing_library_are_named(tmp_path, monkeypatch):
