@@ -326,7 +326,7 @@ STATEMENTS = {
         ("from sensor data alone | {:g} Hz |", (1 / value("status_monitor.PERIOD"),)),
         ("simulated truth | {:g} Hz |", (1 / value("metrics.SAMPLE_PERIOD"),)),
         ("blocked for {:g} s", (value("stall._FORGOTTEN"),)),
-        ("a time constant of {:g} s", (value("stall._RELAXES"),)),
+        ("a time constant of {:g} s", (value("stall._TIME_CONSTANT"),)),
     ],
     "commands.md": [
         (

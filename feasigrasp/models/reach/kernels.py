@@ -286,8 +286,8 @@ def _first_solution(X_WF, search, scratch):
 def start_kernel(X_WF, q_near, search, scratch, most, again):
     """The `SelfMotion` of a pose, and all travel times from ``q_near``, for `next_kernel`.
 
-    Of an arm that is not S-R-S there is none; times above ``most`` [s] may be left out, and
-    ``again`` is said of a pose near the last one.
+    Of an arm that is not S-R-S there is none; times above ``most`` [s] may be left out. ``again``
+    is whether the pose is near the last one.
     """
     if is_srs(search.chain):
         circle = self_motion_kernel(search.chain, X_WF)

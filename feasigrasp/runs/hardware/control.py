@@ -104,6 +104,7 @@ def run_hardware(
             if watch is not None:
                 watch.end()
             end_processes(loop.diagram)
+            gc.unfreeze()
     if interrupted.is_set():
         error = INTERRUPTED
     context = loop.simulator.get_context()

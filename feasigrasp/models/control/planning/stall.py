@@ -1,7 +1,7 @@
-"""Stall detection: the hand gives up grasps that it comes no nearer to.
+"""Stall detection: grasps that the hand comes no nearer to are blocked for a while.
 
-It goes for grasps that are more likely than not, and sure to carry the object; the longer none of
-these has been in reach, the less is asked of another one.
+The hand goes for grasps with a probability of 0.5 and a sufficient payload score. While none is in
+reach, both thresholds decay exponentially; they recover at the same rate.
 """
 
 from __future__ import annotations
@@ -20,12 +20,11 @@ from feasigrasp.models.grasps.payload import filter_by_payload
 _PROGRESS, _PROGRESS_SHARE = 0.02, 0.3
 #: What a turn of the hand counts as, beside its way [m/rad]. Source: guessed.
 _LEVER = 0.1
-#: Over this time without a good grasp it falls by e how good one has to be [s]. Chosen on seeds 4
-#: and 5 of ReachCircular by camera: with 10 s hands waited where 2 s let them come near and see
-#: more. Source: measured.
-_RELAXES = 2.0
-#: Grasps this near to one that was not come by [m], [rad] are given up with it, for so long [s].
-#: Source: guessed.
+#: Time constant of the thresholds [s]. Chosen on seeds 4 and 5 of ReachCircular by camera: with 10
+#: s hands waited where 2 s let them come near and see more. Source: measured.
+_TIME_CONSTANT = 2.0
+#: Grasps this near to a blocked one [m], [rad] are blocked with it; duration of that [s]. Source:
+#: guessed.
 _LIKE_IT, _FORGOTTEN = np.array([0.03, 0.5]), 15.0
 
 
@@ -37,7 +36,7 @@ class Attempt(Frozen):
         left: Least way to a grasp until now [m]; infinite at first.
         since: When it was as little for the first time [s], later by the time without a grasp.
         time: When this was so [s].
-        wanting: How long there has been none that is good, less how long there has [s].
+        relaxation: Time without a good grasp, less the time with one; not negative [s].
         given_up: Grasps that the hand did not come by, in O, shape (k, 4, 4) [m].
         given_up_at: When they were given up, shape (k,) [s].
     """
@@ -45,14 +44,14 @@ class Attempt(Frozen):
     left: float = np.inf
     since: float = np.nan
     time: float = np.nan
-    wanting: float = 0.0
+    relaxation: float = 0.0
     given_up: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
     given_up_at: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def least(self) -> float:
         """Least `GraspSet.payload_score`, and least share of even odds, of a usable grasp."""
-        return float(np.exp(-self.wanting / _RELAXES))
+        return float(np.exp(-self.relaxation / _TIME_CONSTANT))
 
     def usable(self, grasps: GraspSet) -> GraspSet:
         """The grasps that are not given up, and good enough."""
@@ -69,18 +68,17 @@ class Attempt(Frozen):
 
     def interrupted(self, time: float) -> Attempt:
         """The attempt during a gap without data."""
-        return Attempt(time=time, wanting=self.wanting)
+        return Attempt(time=time, relaxation=self.relaxation)
 
-    def _contented(self, time: float, grasps: GraspSet) -> Attempt:
-        """The same at a time, content with less the longer no good grasp has been there.
+    def _relaxed(self, time: float, grasps: GraspSet) -> Attempt:
+        """The same at a time, with its relaxation.
 
-        What it is content with comes back as slowly: grasps that are good by a hair would make the
-        others come and go.
+        Thresholds that recovered at once would make grasps near them come and go.
         """
         since = 0.0 if np.isnan(self.time) else time - self.time
         good = self._left_of(_as_good(grasps, 1.0)).any()
-        wanting = max(0.0, self.wanting - since) if good else self.wanting + since
-        return replace(self, time=time, wanting=wanting)
+        relaxation = max(0.0, self.relaxation - since) if good else self.relaxation + since
+        return replace(self, time=time, relaxation=relaxation)
 
     def advanced(self, time: float, X_OH: Array, grasps: GraspSet, patience: float) -> Attempt:
         """The attempt at a time.
@@ -93,7 +91,7 @@ class Attempt(Frozen):
         """
         lasting = time - self.given_up_at < _FORGOTTEN
         now = replace(self, given_up=self.given_up[lasting], given_up_at=self.given_up_at[lasting])
-        now = now._contented(time, grasps)
+        now = now._relaxed(time, grasps)
         usable = now.usable(grasps)
         if len(usable) == 0:
             # Grasps that come and go do not make the hand get on.
@@ -115,5 +113,5 @@ class Attempt(Frozen):
 
 
 def _as_good(grasps: GraspSet, least: float) -> GraspSet:
-    """The grasps that are so sure to carry, and score so large a share of even odds."""
+    """The grasps with at least this payload score and this share of a probability of 0.5."""
     return filter_by_score(filter_by_payload(grasps, least), least)

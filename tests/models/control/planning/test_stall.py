@@ -90,7 +90,7 @@ def test_the_longer_no_good_grasp_is_in_reach_the_less_is_asked_of_another_one(w
 
 def test_what_was_enough_for_want_of_better_is_not_when_there_is_better():
     unsure = replace(grasps(0.0, 0.1), payload_score=np.array([0.5, 0.2]))
-    attempt = replace(Attempt(), wanting=20.0)
+    attempt = replace(Attempt(), relaxation=20.0)
     # An object out of sight for a while changes nothing; with a sure one it wants more again.
     reliable = unsure.joined(replace(grasps(-0.3), payload_score=np.array([1.2])))
     attempt = attempt.interrupted(25.0)
