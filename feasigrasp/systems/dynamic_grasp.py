@@ -110,10 +110,9 @@ def make_dynamic_grasp(
     step of the plant. With a Meshcat there are
     ``scene``, ``visualizer`` and ``camera_pictures`` as well; with a scene field
     ``scene_perception``, ``clear_grasps`` and ``clear_hand_poses``; with ``segmentation: depth``
-    ``foreground``; with a tracker of ``kind: camera`` ``true_frame``, and ``in_view`` if the arm
-    carries that camera; where images have a stamp, and the tracker has no such port,
-    ``pose_at_view``; with ``execution: processes`` ``planner``, and ``remote_tracker`` if it looks
-    at images; with faults systems that `FaultInjection` adds.
+    ``foreground``; with a tracker of ``kind: camera`` ``true_frame``; where images have a stamp,
+    and the tracker has no such port, ``pose_at_view``; with ``execution: processes`` ``planner``,
+    and ``remote_tracker`` if it looks at images; with faults systems that `FaultInjection` adds.
 
     A port of any of them can be read while a simulator runs, and a log of one's own when it has
     run::

@@ -37,7 +37,6 @@ from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
-from feasigrasp.systems.reachability_filter import ViewFilter
 from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSegmentation
 from feasigrasp.systems.segmentation.mask_segmentation import MaskFn, MaskSegmentation
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
@@ -146,12 +145,6 @@ def has_eye_in_hand_camera(scenario: Scenario) -> bool:
     """Whether perception's camera is on the arm."""
     frame = scenario.cameras[scenario.perception.camera].X_PB.base_frame
     return frame not in (None, "", "world")
-
-
-def make_view_filter(scenario: Scenario, gripper: Gripper) -> ViewFilter:
-    """The filter of grasps by visibility in perception's camera."""
-    arm = load_arm(scenario.arm)
-    return ViewFilter(gripper, make_camera(scenario), scenario.grasp.standoff, arm)
 
 
 def make_camera(scenario: Scenario, name: str = "") -> Camera:

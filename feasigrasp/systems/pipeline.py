@@ -32,7 +32,6 @@ from feasigrasp.systems.from_scenario import (
     make_grasp_sampler,
     make_object_pixels,
     make_scene,
-    make_view_filter,
     uses_eye_in_hand_tracking,
 )
 from feasigrasp.systems.grasp_controller import GraspController
@@ -299,8 +298,6 @@ def add_control(
     cell.add("reachability", make_reachability_filter(scenario, reachability))
     if scenario.scene.enabled:
         cell.add("clear_hand_poses", SceneFilter(cell.gripper, margin=margin))
-    if looks:
-        cell.add("in_view", make_view_filter(scenario, cell.gripper))
     cell.add("reachable", ZeroOrderHold(config.period, AbstractValue.Make(GraspSet.empty())))
     if planner:
         cell.add("planner", planner)

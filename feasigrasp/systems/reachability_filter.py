@@ -1,4 +1,4 @@
-"""Filters of grasps by view, payload, scene and reachability."""
+"""Filters of grasps by payload, scene and reachability."""
 
 from __future__ import annotations
 
@@ -10,9 +10,6 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.choices import parse_word
-from feasigrasp.models.clouds.camera import Camera
-from feasigrasp.models.control.planning.in_view import rated_by_view
-from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.grasps.hand_clearance import scene_clear, unobserved_clear
 from feasigrasp.models.grasps.payload import rated_by_payload
@@ -23,10 +20,7 @@ from feasigrasp.models.reach.feasible_grasps import JudgedGrasps, feasible_grasp
 from feasigrasp.models.reach.feasible_poses import Feasibility, feasible_poses
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import Gripper
-from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.scene_field import SceneField
 from feasigrasp.scenario.schema import ReachabilityConfig
@@ -38,52 +32,6 @@ from feasigrasp.systems.ports import (
     evaluate,
     optional,
 )
-
-
-class ViewFilter(LeafSystem):
-    """Rates grasps by how much of the object the camera on the hand sees there.
-
-    .. pydrake_system::
-
-        name: ViewFilter
-        input_ports:
-        - grasps
-        - gpdf
-        - position
-        - camera_pose
-        output_ports:
-        - grasps
-
-    ``grasps`` are in the object frame O, before and after, the hand turned as it will be; ``gpdf``
-    is the object's `Gpdf`, or None, without which nothing is rated; ``position`` V7 [rad] and
-    ``camera_pose`` X_WC give the camera's pose on the hand. None is dropped.
-    """
-
-    def __init__(
-        self,
-        gripper: Gripper,
-        camera: Camera,
-        standoff: float = 0.0,
-        arm: Arm = IIWA_7,
-    ) -> None:
-        """A filter for a hand with ``camera`` on it that waits ``standoff`` behind grasps [m]."""
-        super().__init__()
-        self._gripper, self._camera, self._standoff = gripper, camera, standoff
-        self._arm = arm
-        self._grasps = declare_input(self, "grasps", GraspSet.empty())
-        self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
-        self._position = self.DeclareVectorInputPort("position", arm.joints)
-        self._pose = declare_input(self, "camera_pose", RigidTransform())
-        declare_output(self, "grasps", self._calc)
-
-    def _calc(self, context: Context) -> GraspSet:
-        grasps, gpdf = self._grasps.Eval(context), evaluate(self._gpdf, context)
-        if gpdf is None:
-            return grasps
-        X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG, self._arm)
-        X_HC = se3.inverse(X_WH) @ self._pose.Eval(context).GetAsMatrix4()
-        X_HC[2, 3] -= self._standoff
-        return rated_by_view(grasps, gpdf.points, X_HC, self._camera)
 
 
 class PayloadFilter(LeafSystem):

@@ -152,13 +152,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "object_pose": "tracker.object_pose",
         "scene": "scene_perception.scene",
     },
-    "in_view": {
-        "grasps": "clear_hand_poses.grasps | reachability.grasps",
-        "gpdf": "field",
-        "position": _POSITION,
-        "camera_pose": "hand_camera",
-    },
-    "reachable": {"u": "in_view.grasps | clear_hand_poses.grasps | reachability.grasps"},
+    "reachable": {"u": "clear_hand_poses.grasps | reachability.grasps"},
     # Grasps -> what the controller follows -> arm and gripper.
     "sequencer": {
         "grasps": "reachable.y",

@@ -89,7 +89,7 @@ def test_without_any_depth_nothing_is_the_object(dut, fixed_context):
 
 
 @pytest.mark.parametrize(("depth", "named"), [(0.5, False), (0.55, False), (0.7, True)])
-def test_images_that_look_through_the_cell_are_not_used(depth, named):
+def test_images_that_look_through_the_cell_are_not_used(fixed_context, depth, named):
     """A wall is 0.5 m away; from the third image that shows it farther away on it is said."""
     wall = np.eye(4)
     wall[2, 3] = 1.0
@@ -97,10 +97,8 @@ def test_images_that_look_through_the_cell_are_not_used(depth, named):
     dut = ForegroundSegmentation(CAMERA, ModeledBodies(ParallelGripper(), cell), period=0.1)
     image = ImageDepth32F(64, 48)
     image.mutable_data[:] = depth
-    simulator, said = Simulator(dut), []
-    context = simulator.get_mutable_context()
-    for name, value in (inputs(plate(depth)[0]) | {"depth_image": image}).items():
-        dut.GetInputPort(name).FixValue(context, value)
+    context = fixed_context(dut, **inputs(plate(depth)[0]) | {"depth_image": image})
+    simulator, said = Simulator(dut, context), []
     for k in range(6):
         simulator.AdvanceTo(0.1 * k + 0.05)
         said.append(dut.GetOutputPort("contradicted").Eval(context))
