@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Tries wheel and sdist in dist/ as a stranger would: each in an empty environment and from another
-# folder, and whether version, changelog and citation agree.
+# Tries wheel and sdist in dist/ as a stranger would: the wheel with every Python that can be had
+# here, each in an empty environment and from another folder, and whether version, changelog and
+# citation agree.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 root=$PWD
@@ -14,17 +15,21 @@ grep -q "^version: $version$" CITATION.cff || fail "CITATION.cff is not of versi
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 torch=$(sed -n 's/^TORCH="\(.*\)"$/\1/p' tools/setup.sh)
-for file in "$root/dist/feasigrasp-$version-py3-none-any.whl" "$root/dist/feasigrasp-$version.tar.gz"; do
-    [[ -f $file ]] || fail "$file is missing; run make wheel"
+
+# Installs a file with an interpreter and runs README, with nothing of the checkout to be found.
+try_file() {
     rm -rf "$folder/venv" "$folder/elsewhere"
-    python3 -m venv "$folder/venv"
-    "$folder/venv/bin/pip" install --quiet --disable-pip-version-check "$torch" "$file"
+    "$1" -m venv "$folder/venv"
+    "$folder/venv/bin/pip" install --quiet --disable-pip-version-check "$torch" "$2"
     mkdir "$folder/elsewhere"
-    (
-        cd "$folder/elsewhere"
-        # Nothing of the checkout may be found.
-        env -i HOME="$folder" PATH="$folder/venv/bin:/usr/bin:/bin" \
-            python "$root/tools/run_readme.py" || fail "README fails with $(basename "$file")"
-    )
-    printf 'release: %s runs in an empty environment\n' "$(basename "$file")"
+    run_readme="env -i HOME=$folder PATH=$folder/venv/bin:/usr/bin:/bin python $root/tools/run_readme.py"
+    (cd "$folder/elsewhere" && $run_readme) || fail "README fails with $(basename "$2") and $("$1" --version)"
+    printf 'release: %s runs in an empty environment with %s\n' "$(basename "$2")" "$("$1" --version)"
+}
+
+wheel=$root/dist/feasigrasp-$version-py3-none-any.whl sdist=$root/dist/feasigrasp-$version.tar.gz
+[[ -f $wheel && -f $sdist ]] || fail "$wheel or $sdist is missing; run make wheel"
+for python in $(tools/pythons.sh); do
+    try_file "$python" "$wheel"
 done
+try_file "$python" "$sdist"

@@ -7,20 +7,10 @@ cd "$(dirname "$0")/.."
 
 say() { printf 'newest: %s\n' "$*"; }
 
-own=$(.venv/bin/python -c 'import sys; print(sys.version_info.minor)')
-newest=""
-shopt -s nullglob
-for minor in 14 13 12 11; do
-    for python in "$(command -v "python3.$minor" || true)" \
-        "${PYENV_ROOT:-$HOME/.pyenv}/versions/3.$minor".*/bin/python \
-        "${UV_PYTHON_INSTALL_DIR:-$HOME/.local/share/uv/python}/cpython-3.$minor".*/bin/python; do
-        # A pyenv shim is on the path for versions that are not chosen, and then fails.
-        if [[ -z $newest && $minor -gt $own ]] && "$python" -c 'import ensurepip' 2> /dev/null; then
-            newest=$python
-        fi
-    done
-done
-if [[ -z $newest ]]; then
+minor='import sys; print(sys.version_info.minor)'
+own=$(.venv/bin/python -c "$minor")
+newest=$(tools/pythons.sh | head -1)
+if [[ -z $newest || $("$newest" -c "$minor") -le $own ]]; then
     say "skipped: no newer Python than 3.$own here (pyenv, uv or python3.N on the path)"
     exit 0
 fi
