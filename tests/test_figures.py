@@ -2,6 +2,7 @@
 
 import json
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import yaml
 
 from feasigrasp_lab.runs.summary import HANDLING
 from tools.figures import PAGES, TABLES, counted_to, filled, made
+from tools.runtime import changed_since
 from tools.stored import ROOT, STORE, FigureError, commit_of, names, read, store
 
 SPEC = {
@@ -199,6 +201,50 @@ def test_samples_and_changed_checkouts_are_not_stored(tmp_path, change):
     file.write_text(json.dumps(SUMMARY | {"git": "HEAD", "rows": ROWS} | change))
     with pytest.raises(FigureError):
         store("x", file, tmp_path)
+
+
+#: What every revision of a repository has.
+CELL = {"feasigrasp/b.py": "", "models/a.obj": "v", "diagrams/dynamic.scenarios.yaml": ""}
+
+
+@pytest.fixture
+def repository_of_two(tmp_path):
+    """``commit(files)`` writes files of a small repository and commits them."""
+
+    def git(*command):
+        name = ("-c", "user.name=x", "-c", "user.email=x")
+        subprocess.run(["git", *name, *command], cwd=tmp_path, check=True, capture_output=True)
+
+    def commit(files):
+        for path, text in (CELL | files).items():
+            (tmp_path / path).parent.mkdir(exist_ok=True)
+            (tmp_path / path).write_text(text)
+        git("add", ".")
+        git("commit", "-qm", "x")
+
+    git("init", "-q")
+    return commit
+
+
+@pytest.mark.parametrize(
+    ("path", "before", "after", "changed"),
+    [
+        ("feasigrasp/a.py", '"""Says."""\nA = 1\n', '"""Says more."""\nA = 1  # of it\n', False),
+        ("feasigrasp/a.py", 'def f():\n    """Says."""\n', "def f():\n    pass\n", True),
+        ("feasigrasp/a.py", "A = 1\n", "A = 2\n", True),
+        ("feasigrasp/a.py", "A = 1\n", "A = '1'\n", True),
+        ("feasigrasp/a.pyi", "A: int\n", "A: float\n", False),
+        ("models/a.obj", "v", "v 1", True),
+        ("models/new.obj", None, "v", True),
+        ("tests/a.py", "A = 1\n", "A = 2\n", False),
+    ],
+)
+def test_words_about_code_do_not_make_figures_outdated(
+    repository_of_two, tmp_path, path, before, after, changed
+):
+    repository_of_two({} if before is None else {path: before})
+    repository_of_two({path: after})
+    assert changed_since("HEAD~1", root=tmp_path) == [path] * changed
 
 
 def test_the_store_is_package_data():

@@ -11,6 +11,8 @@ fail() { printf 'release: %s\n' "$*" >&2; exit 1; }
 version=$(sed -n 's/^__version__ = "\(.*\)"$/\1/p' feasigrasp/__init__.py)
 grep -q "^## \[$version\] - 20" CHANGELOG.md || fail "CHANGELOG.md has no dated entry for $version"
 grep -q "^version: $version$" CITATION.cff || fail "CITATION.cff is not of version $version"
+PYTHONPATH=. .venv/bin/python tools/figures.py check ||
+    fail "figures of README or docs are of other code; make results"
 
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -2,6 +2,7 @@
 
 ``python tools/figures.py`` fills the tables of the pages; ``python tools/figures.py store NAME
 FILE`` stores the ``summary.json`` of a command first, and ``store DIR`` those of ``evaluate all``.
+``check`` names the figures of pages that this code might not give again.
 A page has a table between the comments
 ``<!-- table: NAME -->`` and ``<!-- end -->``; ``tools/tables.yaml`` says what is in it:
 
@@ -23,12 +24,14 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from fnmatch import fnmatch
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from feasigrasp.runs.metrics.table import FIGURES, UNITLESS
+from tools.runtime import changed_since
 from tools.stored import ROOT, STORE, FigureError, Stored, commit_of, read, store
 
 PAGES = (ROOT / "README.md", ROOT / "docs" / "results.md", ROOT / "docs" / "safety.md")
@@ -249,6 +252,18 @@ def _is_success(name: str, other: str, preset: str) -> bool:
     return name.endswith(".held_percent") and other == preset
 
 
+def outdated(commit: str = "HEAD") -> dict[str, list[str]]:
+    """Stored files of the tables whose runs' code has changed since, with what has (`runtime`)."""
+    tables = yaml.safe_load(TABLES.read_text())
+    sources: dict[str, Stored] = {}
+    for name, table in tables.items():
+        if not name.startswith("_"):
+            list(_lines(table["lines"], sources, STORE))
+    changed = cache(lambda revision: changed_since(revision, commit))
+    measured = {name: stored.git for name, stored in sources.items() if stored.git}
+    return {name: changed(git) for name, git in measured.items() if changed(git)}
+
+
 #: Columns that are no rows of summaries.
 VIRTUAL: dict[str, Callable[[Stored, str, int], str]] = {
     "grasp success [%]": _success,
@@ -271,6 +286,11 @@ def main() -> int:
     parser.add_argument("store", nargs="*", metavar="store [NAME] FILE", help="store a summary")
     words = parser.parse_args().store
     try:
+        if words == ["check"]:
+            found = outdated()
+            for name, paths in found.items():
+                print(f"{name} was measured before {len(paths)} files changed: {paths[0]}, ...")
+            return int(bool(found))
         if words:
             if words[0] != "store" or len(words) not in (2, 3):
                 parser.error("expected: store NAME FILE, or store DIR")
