@@ -59,6 +59,6 @@ release: wheel
 clean:
 	rm -rf out dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
-# What numba compiled, too: the next run compiles it again, for a minute or two.
+# `clean`, and what numba compiled: the next run compiles it again, for a minute or two.
 clean-caches: clean
 	find . -path ./.venv -prune -o -type d -name __pycache__ -exec rm -rf {} +

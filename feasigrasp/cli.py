@@ -125,7 +125,7 @@ class _Parser(argparse.ArgumentParser):
         if hyphenated == name or hyphenated not in self._option_string_actions:
             return word
         if name not in DRAKE_NAMES:
-            print(f"note: {name} is now {hyphenated}", file=sys.stderr)
+            print(f"note: {name} is spelled {hyphenated}", file=sys.stderr)
         return hyphenated + equals + value
 
 

@@ -139,7 +139,7 @@ def test_a_default_is_shown_once_and_as_it_is_given():
 @pytest.mark.parametrize(
     ("option", "note"),
     [
-        ("--end_frame", "note: --end_frame is now --end-frame\n"),
+        ("--end_frame", "note: --end_frame is spelled --end-frame\n"),
         ("--end-frame", ""),
         ("--scenario_text", ""),  # Drake's name
     ],

@@ -248,4 +248,4 @@ def test_words_about_code_do_not_make_figures_outdated(
 
 
 def test_the_store_is_package_data():
-    assert STORE.is_relative_to(ROOT / "feasigrasp_lab") and len(names()) > 30
+    assert STORE.is_relative_to(ROOT / "feasigrasp_lab") and len(names()) > 25

@@ -40,12 +40,12 @@ need_packages() {
 # 1. A Python that is new enough and can make virtual environments.
 python=""
 for candidate in python3 python3.13 python3.12 python3.11; do
-    if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2> /dev/null; then
+    if "$candidate" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2> /dev/null; then
         python=$candidate
         break
     fi
 done
-[[ -n $python ]] || fail "Python 3.11 or newer is needed, but \
+[[ -n $python ]] || fail "Python 3.11, 3.12 or 3.13 is needed, but \
 $(python3 --version 2> /dev/null || echo 'no python3') was found; install python3.11 (or newer)"
 
 # 2. What Debian packages apart: venv, and shared libraries that Drake and Open3D load.

@@ -11,7 +11,7 @@ import yaml
 from pydrake.multibody.parsing import ModelDirectives, Parser, ProcessModelDirectives
 from pydrake.multibody.plant import MultibodyPlant
 
-from feasigrasp.errors import ControlError
+from feasigrasp.errors import ArgumentError, ControlError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.reach.reachability import Reachability
@@ -50,6 +50,8 @@ def main(args: argparse.Namespace) -> int:
     warnings = [f"rotor inertias are guessed: {_ROTOR_INERTIA} kg m^2"]
     joints = given["joints"]
     if args.acceleration:
+        if (n := len(args.acceleration)) != len(joints):
+            raise ArgumentError(f"--acceleration has {n} values, the arm {len(joints)} joints")
         for joint, limit in zip(joints, args.acceleration, strict=True):
             joint["acceleration"] = limit
     else:

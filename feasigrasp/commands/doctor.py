@@ -30,7 +30,7 @@ from feasigrasp.resources import diagram_path
 _MODULES = {"drake": "pydrake", "lazy-loader": "lazy_loader", "pillow": "PIL", "pyyaml": "yaml"}
 #: What needs one of `LARGE_PACKAGES`.
 _PARTS = {
-    "torch": "training and the samplers paper and diffusion",
+    "torch": "training, the samplers paper and diffusion, and the controller diffusion",
     "open3d": "meshes of more than 4000 faces, training data and the evaluation of tracking",
 }
 _REINSTALL = "pip install --force-reinstall --no-deps"

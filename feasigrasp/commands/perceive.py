@@ -63,8 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--intrinsics",
         metavar="FX,FY,CX,CY|FILE",
-        help="Intrinsics of the depth image, in pixels, or its camera.json. Default: the "
-        "camera.json beside it, or one folder up.",
+        help="Intrinsics of the depth image, in pixels, or the file of its camera. Default: "
+        "camera.json, or that of another layout, beside it or one folder up.",
     )
     parser.add_argument(
         "--mask", type=Path, help="Mask of the depth image: not zero where the object is."
@@ -80,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="Keep the pixels of the depth image inside this box, in pixels.",
     )
     parser.add_argument(
-        "--grasps", type=Path, help="Write poses, widths and scores to this JSON file."
+        "--grasps", type=Path, help="Write poses, widths and scores to this .json, .npz or .npy."
     )
     parser.add_argument(
         "--picture",

@@ -153,7 +153,7 @@ def check_new_recording(folder: Path) -> None:
         OutputError: It does.
     """
     if any((folder / "depth").glob("*.png")):
-        raise OutputError(f"{folder} holds depth images already; give another --out")
+        raise OutputError(f"{folder} holds depth images already; give another folder")
 
 
 @checked(InputError)

@@ -22,8 +22,8 @@ class CarrierConfig:
         kind: ``none``; ``hand``, fingers that hold the object from the side turned away from the
             arm, and a forearm behind them; ``belt``, a level plate under it.
         hue: Hue of it, as of a glove, by which ``segmentation: depth`` separates it from the object
-            [deg]: 0 is red, 120 green, 240 blue. Unless it is given nothing does; where the cell is
-            simulated it has the color of skin then.
+            [deg]: 0 is red, 120 green, 240 blue. Without it color separates nothing, and the
+            simulated carrier has the color of skin.
     """
 
     stiffness: str = word(Compliance.STIFF, Compliance)

@@ -51,7 +51,7 @@ from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 
 
 def honest(scenario: Scenario) -> None:
-    """The scenario as it is: any orientation, friction 0.6, noisy images, late grasps."""
+    """The scenario as it is: any orientation, friction 0.5 to 0.7, noisy images, late grasps."""
 
 
 def hard(scenario: Scenario) -> None:

@@ -104,6 +104,9 @@ def test_what_is_no_arm_is_refused(tmp_path, capsys):
     urdf.write_text(text)
     with pytest.raises(ArgumentError, match="has no link 'tool0'; it has panda_link_0"):
         describe_urdf(urdf, "tool0")
+    less = ["arm", str(urdf), "--flange", arm.link_names[-1], "--out", str(tmp_path / "less.yaml")]
+    assert cli.main([*less, "--acceleration", "5", "5"]) == 2
+    assert "--acceleration has 2 values, the arm 7 joints" in capsys.readouterr().err
     few = ["arm", str(urdf), "--flange", "panda_link_5", "--out", str(tmp_path / "few.yaml")]
     assert cli.main(few) == 2
     assert "few has 5 joints; arms of 6 or 7 are supported" in capsys.readouterr().err

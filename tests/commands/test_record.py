@@ -146,7 +146,7 @@ def test_a_recording_is_not_written_over(tmp_path, capsys):
     assert record(tmp_path, "--frames", "2") == 0
     before = {file: file.read_bytes() for file in tmp_path.rglob("*.png")}
     assert record(tmp_path, "--frames", "2") == 2
-    assert "holds depth images already; give another --out" in capsys.readouterr().err
+    assert "holds depth images already; give another folder" in capsys.readouterr().err
     assert before == {file: file.read_bytes() for file in tmp_path.rglob("*.png")}
 
 

@@ -60,9 +60,8 @@ class GraspSet(Frozen):
         score: Higher is better, in [0, 1], shape (n,).
         rejected: How many candidates each filter removed, by reason (`Rejection`, or a word of
             your own).
-        id: Identity in successive sets of one object, shape (n,): a grasp keeps its number as
-            long as it is found again (see ``grasp_matching``). `UNKNOWN` for grasps that no earlier
-            set was compared with; a grasp and its flip have the same number.
+        id: Identity in successive sets of one object, shape (n,): a grasp and its flip keep one
+            number as long as they are found again (see `GraspHistory`); `UNKNOWN` before that.
         load: What the hand would have to bear (see `feasigrasp.models.grasps.payload`); None if
             unrated.
         payload_score: How sure they are to bear it as the object is turned now, 1 and more for sure

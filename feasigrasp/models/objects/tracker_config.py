@@ -19,12 +19,12 @@ class TrackerKind(StrEnum):
 
 @dataclass
 class TrackerConfig:
-    """A tracker; the default is a perfect motion-capture system.
+    """A tracker, by default a perfect motion-capture system.
 
     Attributes:
-        kind: ``mocap``, to which all keys but ``silence`` and ``image_period`` belong, or
-            ``camera``: the object is tracked by its own distance field in the depth images that
-            perception looks at, in the frame of its first view.
+        kind: ``mocap``, to which all keys but ``image_period`` belong, or ``camera``, with
+            ``image_period`` and ``silence``: the object is tracked by its own distance field in the
+            depth images that perception looks at, in the frame of its first view.
         image_period: Time between the images that a camera tracks in [s].
         period: Time between measurements [s].
         latency: Age of a measurement when it arrives [s], rounded to periods.

@@ -6,7 +6,7 @@ the observed points; because the kernel inverts in closed form, occupancy become
 "Shape Completion with Distance Field Refinement"). Inside the object o > 1 and d < 0, so o is
 never clamped at 1.
 
-Deviation from the paper: beside a third of the points, values at ``+-surface_offset`` along the
+Deviation from the paper: beside some of the points, values at ``+-surface_offset`` along the
 normal, ``y = exp(-+h / l)``, give the process the inside. Without them one third of the
 inside has the wrong sign for a single view. ``surface_offset=None`` gives the paper's field.
 """

@@ -1,6 +1,6 @@
 """The metrics of a run: unit, range, standard term, definition, and how many runs are summed up.
 
-Record, JSON schema, console, summaries of studies and ``docs/results_schema.md`` read this table.
+Record, JSON schema, console, summaries of studies and ``docs/api.md`` read this table.
 """
 
 from __future__ import annotations
@@ -231,7 +231,7 @@ METRICS: dict[str, Metric] = {
     "control_cpu_ms_worst": _time("control_cpu_ms.worst", Over.MAX, "largest control CPU time",
         "in processor time of the thread, compilation included"),
     "planning_ms_median": _time("planning_ms.median", Over.MEDIAN, "planning time, median",
-        "median wall time of the 10 Hz updates"),
+        "median wall time of the plans"),
     "planning_ms_p99": _time("planning_ms.p99", Over.MEDIAN, "planning time, p99", "likewise"),
     "planning_ms_worst": _time("planning_ms.worst", Over.MAX, "largest planning time", "likewise"),
     "planning_cpu_ms_worst": _time("planning_cpu_ms.worst", Over.MAX, "largest planning CPU time",

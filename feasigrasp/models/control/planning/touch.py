@@ -19,7 +19,7 @@ from feasigrasp.models.robot.arm import EFFORT
 THRESHOLD = 0.03
 #: What stays of a torque without a touch is the sensor's own error: it is followed with this time
 #: constant [s], longer than contacts last and shorter than the arm takes to turn. Source: reasoned.
-zeroING = 1.0
+_ZEROING = 1.0
 #: Time constant of the low-pass filter in front of it [s]. Source: guessed.
 _SMOOTHING = 0.01
 #: The arm gives way so long after the last touch [s], and so fast [m/s]. Source: guessed.
@@ -56,7 +56,7 @@ def touch_step_kernel(chain, state, torque, period, after):
             continue
         after[i] = state[i] + (wish - state[i]) * period / (_SMOOTHING + period)
         if state[2 * n] <= 0.0:  # at first the mean of all that has been measured
-            after[zero + i] += (after[i] - state[zero + i]) * period / min(zeroING, state[-1])
+            after[zero + i] += (after[i] - state[zero + i]) * period / min(_ZEROING, state[-1])
         share = max(share, abs(after[i] - after[zero + i]) / chain[i, EFFORT])
     after[-1] = state[-1] + period
     left = state[2 * n] - period

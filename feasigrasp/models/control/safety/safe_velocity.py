@@ -20,8 +20,7 @@ approached (`SafetyOptions.speed_gain`) bounds only what speeds up.
 If the rows cannot be kept, because the arm was pushed or begins too close, it stops: the velocity
 between the joints' bounds that breaks them least, and otherwise is nearest to zero. So commands are
 finite and continuous whatever comes in. The solver is DAQP (Arnstrom et al., "A dual active-set
-solver for embedded quadratic programming using recursive LDL' updates", TAC 2022); it is compared
-with others in ``docs/safety.md``.
+solver for embedded quadratic programming using recursive LDL' updates", TAC 2022).
 """
 
 from __future__ import annotations
