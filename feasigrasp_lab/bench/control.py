@@ -36,7 +36,6 @@ from feasigrasp.models.choices import ControlSpace
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -48,15 +47,6 @@ from feasigrasp_lab.peers.control import ArrayJointStep, ArrayTaskStep
 from feasigrasp_lab.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
 from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.rows import Row, format_rows
-
-#: Where the arm is [rad]. Source: guessed.
-HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
-
-
-def _home(arm: Arm) -> Array:
-    """Where an arm is [rad]."""
-    return HOME if arm is IIWA_7 else arm.home
-
 
 #: Where the object is, and its twist [angular; linear]. Source: guessed.
 X_WO = se3.make_pose(se3.so3_exp([0.2, -0.1, 0.4]), [0.5, 0.0, 0.5])
@@ -76,7 +66,7 @@ def grasps_in_reach(
         per_group: Grasps in each, which differ by some millimetres and degrees.
         rng: Draws them.
     """
-    X_FG, arm, home = reachability.gripper.X_FG, reachability.arm, _home(reachability.arm)
+    X_FG, arm, home = reachability.gripper.X_FG, reachability.arm, reachability.arm.home
     centers: list[Array] = []
     groups: list[Array] = []
     while len(groups) < n_groups:
@@ -102,7 +92,7 @@ class ControllerProbe:
         controller: LeafSystem,
         grasps: GraspSet,
         rng: np.random.Generator,
-        home: Array = HOME,
+        home: Array = IIWA_7.home,
     ) -> None:
         """Fixes the inputs of a controller and lets it take up the grasps."""
         # Different inputs that follow one another.
@@ -252,7 +242,7 @@ def planning_rows(seed: int, count: int) -> list[Row]:
 
 def safe_probe(reachability: Reachability, space: ControlSpace, seed: int) -> ControllerProbe:
     """The controller of a space in safe mode, among many grasps."""
-    rng, size, home = np.random.default_rng(seed), _SAFE_SIZES[space], _home(reachability.arm)
+    rng, size, home = np.random.default_rng(seed), _SAFE_SIZES[space], reachability.arm.home
     if space == ControlSpace.TASK:
         grasps = grasps_in_reach(reachability, size, _PER_GROUP, rng)
         return ControllerProbe(RMMTaskController(reachability), grasps, rng, home)

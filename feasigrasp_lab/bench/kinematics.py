@@ -52,8 +52,6 @@ def pinocchio_kinematics() -> Callable[[Array], tuple[Array, Array]]:
 
 #: Configurations whose self-collision is tested in one call. Source: guessed.
 COLLISION_BATCH = 4096
-#: From where the nearest solution is looked for [rad]. Source: guessed.
-HOME = np.array([0.0, -0.846, 0.0, -1.582, 0.0, 1.446, 0.0])
 
 _FK, _COLLISION = "bench.fk_jacobian_us.100", "bench.self_collision_us"
 _INVERSE = "bench.ik_100x16_ms"
@@ -96,8 +94,8 @@ def cases(seed: int) -> Iterator[Case]:
     yield Case(_COLLISION, "default", lambda: in_collision(Q), len(Q))
     yield Case(_COLLISION, "one by one", lambda: _one_by_one(Q, IIWA_CAPSULES, hit), len(Q))
     yield Case(_COLLISION, "peer:drake", lambda: drake.in_collision(Q), len(Q))
-    yield Case(_INVERSE, "default", lambda: reachability.nearest(X_WG, HOME))
-    yield Case(_INVERSE, "one by one", lambda: [reachability.nearest(X, HOME) for X in X_WG])
+    yield Case(_INVERSE, "default", lambda: reachability.nearest(X_WG, IIWA_7.home))
+    yield Case(_INVERSE, "one by one", lambda: [reachability.nearest(X, IIWA_7.home) for X in X_WG])
     if installed("pinocchio", "pinocchio (PyPI: pin)"):
         pinocchio = pinocchio_kinematics()
         yield Case(_FK, "peer:pinocchio", lambda: pinocchio(batch))

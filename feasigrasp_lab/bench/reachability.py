@@ -44,8 +44,6 @@ from feasigrasp_lab.training.reachability.reachable_poses import IiwaArm, sample
 
 #: Grasps of a case, components of the mixture, and poses that it is fitted to. Source: guessed.
 GRASPS, COMPONENTS, POSES = 1024, 64, 3_000_000
-#: Where the arm is [rad]. Source: guessed.
-HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
 #: The object: pose and twist [angular; linear]. Source: guessed.
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
 V_WO = np.array([0.0, 0.0, 0.2, 0.05, 0.05, 0.0])
@@ -80,7 +78,7 @@ def main(args: argparse.Namespace) -> int:
 
 def _filter_rows(grasps: GraspSet, seconds: float) -> list[Row]:
     reachability, X_WG = Reachability(), X_WO @ grasps.X_OG
-    now = Situation(0.0, HOME, np.zeros(IIWA_7.joints), X_WO, V_WO)
+    now = Situation(0.0, IIWA_7.home, np.zeros(IIWA_7.joints), X_WO, V_WO)
     rule = KeepingRule(n_best=2 * GRASPS, score_share=0.0)
     cases: list[Case] = []
     for method in (JudgeMethod.IK, JudgeMethod.RMM, JudgeMethod.BOTH):

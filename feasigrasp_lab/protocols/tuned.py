@@ -29,8 +29,8 @@ def is_tuned(run_name: str, model: str, seed: int) -> bool:
         seed: Its seed.
     """
     entry = next(each for each in _entries() if fnmatch(run_name, each["runs"]))
-    first, last = entry["seeds"]
-    return Path(model).stem in entry["objects"] and first <= seed <= last
+    inside = any(first <= seed <= last for first, last in entry["seeds"])
+    return inside and Path(model).stem in entry["objects"]
 
 
 @cache

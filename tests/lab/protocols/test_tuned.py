@@ -19,6 +19,7 @@ from feasigrasp_lab.results.statistics import grouped
         ("ReachCircular", "out/objects/test_mug_0.obj", 3, False),
         ("ReachCircularMocap-at-0.6", "mug", 0, True),
         ("ReachCircularMocap-at-0.6", "mug", 1, False),
+        ("ReachCircularMocap-at-0.6", "mug", 103, True),
         ("ReachCircularMocap-spin-0.5", "mug", 1, True),
         ("Static-honest", "../ycb/029_plate", 0, True),
         ("StaticCamera-hard", "../ycb/024_bowl", 0, False),
