@@ -212,7 +212,9 @@ class GripperSequencer(LeafSystem):
         doubted = self._doubt(context) is not None or self._coasting(context)
         if not self._gives_up:
             return attempt
-        if self._calc_gpdf(context) is None or doubted or not np.isfinite(X_WO).all():
+        if self._calc_gpdf(context) is None:  # what comes next may have another frame O
+            return Attempt(time=now, relaxation=attempt.relaxation)
+        if doubted or not np.isfinite(X_WO).all():
             return attempt.interrupted(now)
         q = self._position.Eval(context)
         X_OH = inverse_kernel(X_WO) @ forward_kinematics(q, self._gripper.X_FG, self._arm)

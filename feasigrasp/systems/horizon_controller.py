@@ -54,6 +54,11 @@ class HorizonController(GraspController):
             program=ProgramOptions(safety=SafetyOptions.of(reachability.arm))
         )
         program = self._options.program
+        if not np.array_equal(program.safety.arm.chain, reachability.arm.chain):
+            raise ControlError(
+                f"options.program.safety.arm is {program.safety.arm.name}, that of reachability "
+                f"{reachability.arm.name}; give SafetyOptions.of(reachability.arm)"
+            )
         super().__init__(
             reachability, HorizonPlan(), safety=program.safety, period=program.steps[0]
         )

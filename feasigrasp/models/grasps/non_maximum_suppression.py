@@ -90,7 +90,7 @@ def _square_distance(X_OA, X_OB):
 def _distinct_kernel(X_OG, chosen):
     """Writes the indices and returns their number."""
     n = 0
-    for i in range(len(X_OG)):
+    for i in range(len(X_OG) if len(chosen) else 0):
         copy = False
         for j in chosen[:n]:
             if _square_distance(X_OG[i], X_OG[j]) <= 1.0:

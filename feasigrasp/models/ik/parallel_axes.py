@@ -78,6 +78,9 @@ def parallel_axes_kernel(chain, X_WF, branch, q):
         h_2, minus(turned_about(h_2, p_3, math.sin(q_3), math.cos(q_3), p_4), p_2), minus(z, p_2)
     )
     q_4 = all_three - q_2 - q_3
+    # Above, both turn about axis 2; an axis that points against it counts the other way.
+    q_3 *= 1.0 if dot(h_2, axis_of(chain, 2)) > 0.0 else -1.0
+    q_4 *= 1.0 if dot(h_2, axis_of(chain, 3)) > 0.0 else -1.0
     q[0], q[1], q[2] = (
         next_to(q_1, chain, 0, q[0]),
         next_to(q_2, chain, 1, q[1]),

@@ -42,6 +42,8 @@ def _error_kernel(X_WF, X, e):
         trace += a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     sine, square = math.sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2]), 0.0
     scale = math.atan2(sine, trace - 1.0) / sine if sine > 1e-12 else 0.5
+    if sine <= 1e-12 and trace < 0.0:  # half a turn off: any axis leads away from there
+        s, scale = (1.0, 1.0, 1.0), 0.5 * math.pi
     for i in range(3):
         e[i], e[3 + i] = scale * s[i], _PLACE * (X_WF[i, 3] - X[i, 3])
         square += e[i] * e[i] + e[3 + i] * e[3 + i]

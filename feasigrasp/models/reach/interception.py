@@ -318,8 +318,11 @@ def _follow_kernel(ahead, k, X_OG, q, branch, psi, v):
         k + int(o.enough / o.step),
     )
     last = min(len(ahead.X_WO), k + 2 + int(np.ceil(o.enough / o.step)))
+    ends = np.empty(ahead.search.fixed.shape)
     for m in range(k + 1, last):
         flange_pose_kernel(ahead.X_WO[m], X_OG, 0.0, ahead.X_GF, X_WF)
+        if hand_verdict_kernel(X_WF, ahead.search, ends) != REACHABLE:
+            return m - k - 1, hardest
         if not solve_kernel(chain, X_WF, branch, psi, after):
             return m - k - 1, hardest
         for j in range(len(q)):

@@ -166,6 +166,7 @@ def _make_search(reachability: Reachability) -> Search:
     capsules = capsule_model(reachability.gripper, arm)
     # What is on the axis of joint 1 does not move with it.
     around = (capsules.link == 1) & (np.abs(capsules.ends[:, :, :2]).max(axis=(1, 2)) == 0.0)
+    around &= arm.upright
     ends = capsules.ends.copy()
     ends[capsules.link == 1] += arm.points[0]
     low, high = capsules.pairs.T

@@ -157,6 +157,8 @@ class Arm(Frozen):
         arrays = {k: np.array(v) for k, v in vars(self).items() if isinstance(v, np.ndarray)}
         if not np.allclose(np.linalg.norm(self.axes, axis=1), 1.0, rtol=0.0, atol=1e-9):
             raise ArgumentError(f"Arm.axes = {self.axes.tolist()}; give unit vectors")
+        if self.family == Family.SRS and not np.array_equal(self.lower, -self.upper):
+            raise ArgumentError(f"limits of {self.name} are not symmetric; give shoulder_wrist")
         if self.family == Family.SEEDED and self.joints not in (6, 7):
             raise ArgumentError(
                 f"{self.name} has {self.joints} joints; arms of 6 or 7 are supported"
@@ -239,6 +241,11 @@ class Arm(Frozen):
     def joints(self) -> int:
         """How many."""
         return len(self.axes)
+
+    @property
+    def upright(self) -> bool:
+        """Whether joint 1 turns about the vertical, so that link 1 stays as high as it is."""
+        return abs(float(self.axes[0, 2])) == 1.0
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -84,14 +84,14 @@ def hand_capsules(gripper: Gripper | None = None, arm: Arm = IIWA_7) -> tuple[Ca
     )
     palm_half = max(palm_half, 0.001)
     middle = gripper.heel - palm_z
-    length, height, _ = gripper.camera_box
+    length, height, depth = gripper.camera_box
     _, y, z = gripper.camera_center
     back = gripper.heel - 2 * palm_z
     return (
         capsule(palm, [-palm_half, 0, middle], [palm_half, 0, middle], palm_radius),
         capsule(palm, [0, 0, back - 0.014], [0, y, back - 0.014], 0.024),
         *(capsule(first + k, *each) for k, each in enumerate(gripper.capsules())),
-        capsule(camera, [-length / 2, y, z], [length / 2, y, z], height / np.sqrt(2)),
+        capsule(camera, [-length / 2, y, z], [length / 2, y, z], np.hypot(height, depth) / 2),
     )
 
 
@@ -153,7 +153,7 @@ def capsule_model(
         balls=np.array([_ball(ends[link == k], radius[link == k]) for k in range(arm.joints + 1)]),
         pairs=np.empty((0, 2), dtype=np.int64),
         groups=np.empty((0, 4), dtype=np.int64),
-        movers=np.flatnonzero(link >= 2),
+        movers=np.flatnonzero(link >= (2 if arm.upright else 1)),
     )
     return model.with_pairs(pairs)
 

@@ -218,9 +218,9 @@ def _family(joints: list[dict[str, Any]]) -> str:
 
 
 def _link(body: _Body, origin: Array, moves: bool) -> dict[str, Any]:
-    mass = max(body.mass, 0.1)
-    com = body.moment / mass if body.mass > 0.0 else origin
+    com = body.moment / body.mass if body.mass > 0.0 else origin
     inertia = body.inertia - body.mass * (com @ com * np.eye(3) - np.outer(com, com))
+    mass = max(body.mass, 0.1)
     least = 1e-4 * mass  # a model without inertias
     inertia = inertia + max(0.0, least - np.linalg.eigvalsh(inertia)[0]) * np.eye(3)
     # Drake refuses a largest moment of inertia above the sum of the others.

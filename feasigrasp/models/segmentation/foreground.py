@@ -142,11 +142,10 @@ def in_box(mask_of: list[Mask], camera: Camera, box: Array) -> int | None:
         camera: The camera.
         box: First column and row, and last ones, as for a click twice the same [px], shape (4,).
     """
-    left, top, right, bottom = np.rint(box).astype(int)
+    left, top, right, bottom = np.maximum(np.rint(box).astype(int), [0, 0, -1, -1])
     shape = camera.height, camera.width
     inside = [
-        np.count_nonzero(m.reshape(shape)[max(top, 0) : bottom + 1, max(left, 0) : right + 1])
-        for m in mask_of
+        np.count_nonzero(m.reshape(shape)[top : bottom + 1, left : right + 1]) for m in mask_of
     ]
     return int(np.argmax(inside)) if any(inside) else None
 

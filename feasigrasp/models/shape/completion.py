@@ -250,6 +250,8 @@ def complete_shape(
     free, free_by = _free_nodes(cloud.images, points)
 
     plane = None if table is None else np.asarray(table, dtype=float)
+    if plane is not None and (points @ plane[:3] + plane[3] <= 0.0).all():
+        raise PointCloudError(f"table = {plane.tolist()}: every point is below; turn its normal up")
 
     def fitted_to(count: int, hidden: HiddenNodes) -> tuple[Gpdf, int]:
         """The field of the first surface points, and the number of its nodes that rest on them."""

@@ -105,7 +105,8 @@ class SequenceTracker(Frozen):
     @checked()
     def looked(self, view: ObjectView, time: float) -> SequenceTracker:
         """Takes in an image; its keyframe is not merged yet, see `learnt`."""
-        return replace(self, track=track(self.track, view, time, self.shape.gpdf, self.shape.views))
+        gpdf, views, looked = self.shape.gpdf, self.shape.views, self.shape.looked
+        return replace(self, track=track(self.track, view, time, gpdf, views, looked=looked))
 
     def learnt(self) -> SequenceTracker:
         """With the last keyframe merged, if it is not already."""

@@ -143,6 +143,7 @@ def track(
     gpdf: Gpdf | None,
     views: ViewRecord,
     *,
+    looked: float = -np.inf,
     held: bool = False,
     second: Callable[[], ObjectView | None] | None = None,
 ) -> FieldTrack:
@@ -155,6 +156,7 @@ def track(
         gpdf: The field of the merged views, in O; None until there is one. One of views from
             before O was begun is of another O, and not used.
         views: From where the merged views were taken.
+        looked: Time of the last keyframe that shape completion has taken up [s].
         held: Whether the hand that carries the camera has the object: it moves with both, and is
             not learnt from, since fingers hide a part of it.
         second: Gives the view of another camera at that time, or None; it is asked where ``view``
@@ -180,6 +182,9 @@ def track(
     if held and X_WC_before is not None:
         expected = expected.carried(estimate, view.X_WC @ se3.inverse(X_WC_before) @ estimate.X_WO)
     before = replace(before, estimate=expected)
+    whole = len(view.points_W) >= FIRST_POINTS and not is_cut(view)
+    if model is None and whole and before.keyframe is not None and looked >= before.keyframe.time:
+        return _begun(before, view, time)  # no field came of the first view
     if model is None:
         return _passed_on(_by_middle(before, view))
     after, found = _located(before, view, gap)
@@ -197,7 +202,6 @@ def track(
         searched_at = after.searched_at
         after, _ = _located(before, other, gap)
         after = replace(after, searched_at=max(searched_at, after.searched_at))
-    whole = len(view.points_W) >= FIRST_POINTS and not is_cut(view)
     unknown = whole and gap > _LONG_GAP and not held and after.measured_at < time
     after = replace(after, unknown_since=min(after.unknown_since, time) if unknown else np.inf)
     # An object that is seen as a whole is not recognised for so long: what is known is given up
@@ -295,7 +299,7 @@ def _located(
     if not good and may_search and len(view.points_W) >= FIRST_POINTS:
         before = replace(before, searched_at=time)
         # Where it is expected, and where it is if it has gone on as it went.
-        any_orientation = round(1e3 * time) if gap > _LONG_GAP else None
+        any_orientation = round(1e3 * abs(time)) if gap > _LONG_GAP else None
         spread = np.diag(
             np.square(
                 np.repeat(SEARCH_SPREAD if any_orientation is None else ANY_ORIENTATION_SPREAD, 3)

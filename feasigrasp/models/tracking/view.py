@@ -134,7 +134,7 @@ class ObjectView(Frozen):
         u, v = (np.rint(c).astype(int) for c in self.camera.pixels(points_C))
         h, w = self.depth.shape
         measured = self.depth[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)]
-        return np.asarray(measured < points_C[:, 2] - _BEHIND)
+        return np.asarray(~(measured >= points_C[:, 2] - _BEHIND))
 
     def outline(self) -> Outline | None:
         """Pixels without depth inside the convex hull of the object's, in the camera's axes.
@@ -142,6 +142,9 @@ class ObjectView(Frozen):
         None without an image, or where the object shows less than an area.
         """
         columns, rows = (np.rint(c).astype(int) for c in self.camera.pixels(self.points_C))
+        shown = (columns >= 0) & (columns < self.camera.width)
+        shown &= (rows >= 0) & (rows < self.camera.height)
+        columns, rows = columns[shown], rows[shown]
         if self.depth is None or len(rows) == 0 or min(np.ptp(rows), np.ptp(columns)) < 2:
             return None
         top, left = max(rows.min() - 1, 0), max(columns.min() - 1, 0)
@@ -178,6 +181,6 @@ class ObjectView(Frozen):
         part = depth[top * CELL : (bottom + 1) * CELL, left * CELL : (right + 1) * CELL]
         # A pixel that was not measured says nothing, nor do its neighbours.
         cells = (part[i::CELL, j::CELL] for i in range(CELL) for j in range(CELL))
-        least = reduce(np.minimum, cells)
+        least = np.nan_to_num(reduce(np.minimum, cells), nan=0.0, posinf=np.inf)
         distance, nearest = distance_transform_edt(~mask, return_indices=True)
         return (int(left), int(top)), nearest, distance, minimum_filter(least, 3)

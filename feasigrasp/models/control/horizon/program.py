@@ -87,11 +87,11 @@ class ProgramOptions:
         """Checks the numbers.
 
         Raises:
-            ControlError: A number has the wrong sign or is not finite, or there is no step.
+            ControlError: A number has the wrong sign or is not finite, or steps are less than two.
         """
         check_fields(self, ControlError)
-        if not self.steps:
-            raise ControlError("ProgramOptions.steps is empty; give at least one step")
+        if len(self.steps) < 2:
+            raise ControlError(f"ProgramOptions.steps = {self.steps}; give at least two steps")
 
     @cached_property
     def h(self) -> Array:

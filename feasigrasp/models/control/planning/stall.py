@@ -68,7 +68,7 @@ class Attempt(Frozen):
 
     def interrupted(self, time: float) -> Attempt:
         """The attempt during a gap without data."""
-        return Attempt(time=time, relaxation=self.relaxation)
+        return replace(self, left=np.inf, since=np.nan, time=time)
 
     def _relaxed(self, time: float, grasps: GraspSet) -> Attempt:
         """The same at a time, with its relaxation.

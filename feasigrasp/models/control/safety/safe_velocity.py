@@ -112,8 +112,9 @@ class SafetyOptions:
     @checked(ControlError)
     def of(cls, arm: Arm) -> SafetyOptions:
         """The defaults for an arm, approaching no quicker than it can stop."""
-        most = arm.braking_rate(cls.speed * cls.velocity_scale, cls.acceleration_scale)
-        return cls(arm=arm, approach_gain=min(cls.approach_gain, most))
+        scale, margin = arm.acceleration_share, arm.position_margin
+        gain = min(cls.approach_gain, arm.braking_rate(cls.speed * cls.velocity_scale, scale))
+        return cls(arm=arm, acceleration_scale=scale, position_margin=margin, approach_gain=gain)
 
     def __post_init__(self) -> None:
         """Checks the numbers.
