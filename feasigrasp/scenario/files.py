@@ -151,7 +151,7 @@ def load_scenario(
     try:
         changes = [compose(text) for text in overrides]
         node = copy.deepcopy(nodes[name])
-        packaged = _taken_base(node)
+        packaged = _taken_base(node, base)
         first = _load(node, _defaults([node, *changes], packaged or base or Scenario()))
         stages.append((what, with_paths_from(Path(filename).parent, first)))
         for text, change in zip(overrides, changes, strict=True):
@@ -172,13 +172,13 @@ def load_scenario(
     return stages[-1][1]
 
 
-def _taken_base(node: yaml.Node) -> Scenario | None:
-    """The packaged scenario that ``based_on`` of another one names; the key is taken out."""
+def _taken_base(node: yaml.Node, base: Scenario | None) -> Scenario | None:
+    """The packaged scenario that ``based_on`` names, itself on ``base``; the key is taken out."""
     named = find(node, "based_on")
     if named is None:
         return None
     _drop(node, named)
-    return load_scenario(str(named.value))
+    return load_scenario(str(named.value), base=base)
 
 
 def _drop(root: yaml.Node, dropped: yaml.Node) -> None:

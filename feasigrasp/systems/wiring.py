@@ -202,6 +202,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "object_pose": "station.object.pose",
         "pose_at_view": "true_pose_at_view.pose | station.object.pose",
         "tracked_pose": "tracker.object_pose",
+        "track": "tracker.track",
     },
     "view_time(latency)": {"u": "perception.view_time", "stamp": "exposed"},
     "view_time(reachable)": {"u": "view_time(latency).y"},

@@ -17,7 +17,7 @@ from feasigrasp.scenario.sampling import (
     make_hand_eye,
     make_motion,
 )
-from feasigrasp.scenario.schema import Scenario, SensorsConfig
+from feasigrasp.scenario.schema import ControlConfig, Scenario, SensorsConfig
 from feasigrasp.systems.from_scenario import make_camera, station_config
 
 FILE = diagram_path("dynamic.scenarios.yaml")
@@ -278,6 +278,13 @@ def test_a_scenario_is_based_on_a_packaged_one(file, same, tmp_path):
     path.write_text(file)
     based = load_scenario(path, "Mine")
     assert dump_scenario(based) == dump_scenario(load_scenario("ReachLinear", same))
+
+
+def test_what_holds_where_no_value_is_given_holds_below_a_packaged_scenario(tmp_path):
+    path = tmp_path / "own.yaml"
+    path.write_text("Mine: {based_on: ReachLinear}")
+    slow = Scenario(control=ControlConfig(speed=0.25))
+    assert load_scenario(path, "Mine", base=slow).control.speed == 0.25
 
 
 def test_an_unknown_base_is_named(tmp_path):

@@ -91,6 +91,9 @@ def test_hardware_is_slow_until_it_is_told_otherwise(tmp_path):
     (tmp_path / "own.yaml").write_text(
         "Own: {cameras: {wrist_camera: {depth: true}}, control: {speed: 0.7}}"
     )
+    (tmp_path / "based.yaml").write_text("Own: {based_on: ReachLinear}")
+    based = arguments(run, "Own", "--scenario-file", str(tmp_path / "based.yaml"))
+    assert run.load(based, on_hardware=True)[1].control.speed == run.HARDWARE_SPEED
     own = arguments(run, "Own", "--scenario-file", str(tmp_path / "own.yaml"))
     assert run.load(own, on_hardware=True)[1].control.speed == 0.7
     assert run.speed_text(1.0, on_hardware=False) == ""

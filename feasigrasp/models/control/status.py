@@ -171,7 +171,7 @@ def _grasps(now: Situation) -> tuple[StatusCode, str] | None:
     if now.grasps == 0:
         return StatusCode.NO_GRASP, _most(now.rejected)
     if now.reachable == 0:
-        return StatusCode.WAITING, _most(now.verdicts)
+        return StatusCode.WAITING, _most(now.verdicts) or "grasps are blocked or too uncertain"
     return None
 
 
@@ -197,4 +197,5 @@ def _way(now: Situation) -> tuple[StatusCode, str]:
 
 def _most(reasons: Mapping[str, int]) -> str:
     """The most frequent reason."""
-    return max(reasons, key=lambda reason: reasons[reason]) if reasons else ""
+    most = max(reasons, key=lambda reason: reasons[reason], default="")
+    return most if reasons.get(most) else ""

@@ -143,7 +143,7 @@ def track(
     gpdf: Gpdf | None,
     views: ViewRecord,
     *,
-    looked: float = -np.inf,
+    looked: Instant = -np.inf,
     held: bool = False,
     second: Callable[[], ObjectView | None] | None = None,
 ) -> FieldTrack:

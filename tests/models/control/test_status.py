@@ -37,6 +37,7 @@ CASES = [
         "table",
     ),
     ({"reachable": 0, "verdicts": {"joint limits": 7}}, StatusCode.WAITING, "joint limits"),
+    ({"reachable": 0, "verdicts": {"hits the scene": 0}}, StatusCode.WAITING, "too uncertain"),
     (
         {"grasps": 0, "reachable": 0, "rejected": {"too wide": 9, "off the surface": 1}},
         StatusCode.NO_GRASP,

@@ -10,11 +10,12 @@ from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyO
 from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.continuation import branch_kernel, redundancy_kernel, solve_kernel
-from feasigrasp.models.ik.seeded import seed_of_kernel
+from feasigrasp.models.ik.seeded import least_squares_kernel, seed_of_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import Family
 from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.capsule_kernels import add_lever, link_poses_kernel
+from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import (
     arm_condition_kernel,
@@ -52,7 +53,22 @@ def tilted():
 
 
 def any_arm(name):
+    if name.startswith("ur5e, axis"):
+        return with_axis_reversed(load_arm("ur5e"), int(name[-1]) - 1)
     return tilted() if name == "tilted" else load_arm(name)
+
+
+def with_axis_reversed(arm, k):
+    """The same arm; joint k counts the other way."""
+    sign = np.where(np.arange(arm.joints) == k, -1.0, 1.0)
+    lower, upper = np.sort([sign * arm.lower, sign * arm.upper], axis=0)
+    return replace(
+        arm, axes=sign[:, None] * arm.axes, lower=lower, upper=upper, home=sign * arm.home
+    )
+
+
+#: Of the parallel axes, one may point against the others.
+REVERSED = [f"ur5e, axis {k}" for k in (2, 3, 4)]
 
 
 def configurations(arm, n, seed=0):
@@ -98,9 +114,9 @@ def test_jacobian_is_the_derivative(name):
         assert manipulability(q, arm) == pytest.approx(measured, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", [*ARMS, *REVERSED])
 def test_branch_and_redundancy_give_a_configuration_back(name):
-    arm = load_arm(name)
+    arm = any_arm(name)
     for q in configurations(arm, 500):
         X_WF, found = forward_kinematics(q, None, arm), q + 0.1
         branch = branch_kernel(arm.chain, q)
@@ -108,9 +124,9 @@ def test_branch_and_redundancy_give_a_configuration_back(name):
         np.testing.assert_allclose(found, q, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize("name", [*OTHERS, *REVERSED])
 def test_every_branch_reaches_its_pose_in_a_configuration_of_its_own(name):
-    arm, count = load_arm(name), 0
+    arm, count = any_arm(name), 0
     for q in configurations(arm, 300, seed=1):
         X_WF, r = forward_kinematics(q, None, arm), redundancy_kernel(arm.chain, q)
         found = []
@@ -170,6 +186,33 @@ def test_a_seed_gives_a_configuration_back_and_is_kept_along_a_path(name):
             np.testing.assert_allclose(forward_kinematics(there, None, arm), moved, atol=1e-7)
     assert np.mean(back) > 0.85
     assert len(kept) > 70 and np.mean(kept) > 0.9
+
+
+def test_least_squares_leave_a_pose_that_is_half_a_turn_off():
+    arm, solved = seeded(load_arm("panda")), 0
+    for q in configurations(arm, 50, seed=5):
+        X_WF, found = forward_kinematics(q, None, arm) @ np.diag([-1.0, -1.0, 1.0, 1.0]), q.copy()
+        if least_squares_kernel(arm.chain, X_WF, 7, found):
+            np.testing.assert_allclose(forward_kinematics(found, None, arm), X_WF, atol=1e-7)
+            solved += 1
+    assert solved > 5
+
+
+def test_link_1_is_kept_off_the_table_unless_it_turns_about_the_vertical():
+    upright, leaning = load_arm("ur5e"), tilted()
+    leaning = replace(leaning, axes=np.roll(leaning.axes, 1, axis=0) * 1.0)
+    assert not leaning.upright and upright.upright
+    for arm, first in ((upright, 2), (leaning, 1)):
+        model = capsule_model(None, arm)
+        assert model.link[model.movers].min() == first
+
+
+def test_safety_options_of_an_arm_have_its_share_and_margin():
+    own = replace(load_arm("iiwa7"), acceleration_share=0.5, position_margin=0.1)
+    options = SafetyOptions.of(own)
+    assert (options.acceleration_scale, options.position_margin) == (0.5, 0.1)
+    brakes = 0.5 * own.acceleration_limits / (0.9 * own.velocity_limits)
+    assert options.approach_gain <= brakes.min() + 1e-12
 
 
 def test_levers_of_tilted_joints_are_differences_of_places():

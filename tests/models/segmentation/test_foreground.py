@@ -152,8 +152,9 @@ def test_a_click_or_a_box_decides():
     for box in ([column, row, column, row], [column - 20, row - 20, column + 20, row + 20]):
         found, _ = labels(balls, known=Known(box=np.array(box)))
         np.testing.assert_array_equal(found == Label.OBJECT, shows == 2)
-    nothing = Known(box=np.zeros(4))
-    assert not (labels(balls, known=nothing)[0] == Label.OBJECT).any()
+    for box in ([0, 0, 0, 0], [0, -50, 319, -5], [-9, 0, -3, 239]):
+        nothing = Known(box=np.array(box, float))
+        assert not (labels(balls, known=nothing)[0] == Label.OBJECT).any()
 
 
 def field_of_a_ball():

@@ -200,6 +200,20 @@ def test_searching_until_there_is_enough_to_see():
     assert tracker.learnt().shape.gpdf is None
 
 
+def test_a_first_view_of_which_no_field_comes_does_not_stay_the_first():
+    """Its mask is that of a wall behind the object, which is too wide for one."""
+    first = look(SURFACE, X0, CAMERA)
+    y, z = (a.ravel() for a in np.meshgrid(np.linspace(-4, 4, 60), np.linspace(-4, 4, 60)))
+    wall = np.stack([np.full(len(y), 7.0), y, z], axis=1)
+    tracker = SequenceTracker()
+    for k in range(8):
+        points = wall if k == 0 else first.points_W
+        view = ObjectView(first.camera, CAMERA, points, first.depth)
+        tracker = tracker.looked(view, k * PERIOD).learnt()
+    assert tracker.track.model is not None
+    assert 0.0 < tracker.track.begun_at < 3 * PERIOD
+
+
 def test_an_object_elsewhere_is_found_again(followed):
     """A second later, 6 cm off and turned by 20 degrees; nothing else is in the image."""
     t, tracker, X_WB, X_BO = [row for row in followed if row[0] < GAP[0]][-1]

@@ -55,6 +55,23 @@ def test_lost_pixels_amid_the_object_may_be_of_it_and_what_is_beside_it_is_not(b
     assert ObjectView(CAMERA, X_WC, np.zeros((0, 3)), seen.depth).outline() is None
 
 
+def test_not_a_number_is_a_pixel_without_depth_as_zero_is():
+    seen, of_can = view(LOST, 0.6)
+    blank = np.where(seen.depth > 0.0, seen.depth, np.nan)
+    same = ObjectView(CAMERA, X_WC, seen.points_W, blank)
+    behind = unproject(np.full((240, 424), 0.5), CAMERA.intrinsics)[:, of_can & LOST].T
+    assert same.hidden(behind).all() and seen.hidden(behind).all()
+    for mine, theirs in zip(same._silhouette[1:], seen._silhouette[1:], strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+
+
+def test_points_outside_the_image_have_no_pixel():
+    seen, _ = view(LOST)
+    far = X_WC[:3, 3] + AWAY * X_WC[:3, 2] + np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
+    more = ObjectView(CAMERA, X_WC, np.concatenate([seen.points_W, far]), seen.depth)
+    np.testing.assert_array_equal(more.outline().unmeasured, seen.outline().unmeasured)
+
+
 def test_the_shape_has_the_surface_that_was_lost():
     """With the keyframe's outline the can is there; without it, it is carved away."""
     seen, _ = view(LOST)

@@ -1,8 +1,10 @@
 """The frame of a tracker, followed on the true object."""
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from feasigrasp.models.tracking.tracker import FieldTrack
 from feasigrasp.systems.monitoring.true_frame import TrueFrame
 
 UNKNOWN = RigidTransform(np.full((3, 4), np.nan))
@@ -36,6 +38,17 @@ def test_it_is_aligned_once_and_then_follows_the_object():
     for tracked in (MOVED, UNKNOWN):
         later = at(dut, context, MOVED @ X_WB, tracked)
         np.testing.assert_allclose(later, (MOVED @ X_WB @ X_BO).GetAsMatrix4(), atol=1e-12)
+
+
+def test_a_frame_that_the_tracker_begins_anew_is_aligned_anew():
+    dut = TrueFrame(0.0025)
+    context = dut.CreateDefaultContext()
+    begun = [AbstractValue.Make(FieldTrack(begun_at=t)) for t in (0.1, 2.0)]
+    dut.GetInputPort("track").FixValue(context, begun[0])
+    at(dut, context, X_WB, X_WB @ X_BO)
+    dut.GetInputPort("track").FixValue(context, begun[1])
+    later = at(dut, context, X_WB, X_WB @ MOVED)
+    np.testing.assert_allclose(later, (X_WB @ MOVED).GetAsMatrix4(), atol=1e-12)
 
 
 def test_where_the_frame_is_on_the_object_is_of_the_exposure():

@@ -43,6 +43,14 @@ def test_the_nearest_grasp_is_given_up_when_the_hand_comes_no_nearer():
     assert 0.1 in later.usable(offered).X_OG[:, 0, 3]
 
 
+def test_a_gap_without_data_forgets_no_grasp_that_was_given_up():
+    attempt = after(PATIENCE, Attempt(), grasps(0.0, 0.1, -0.3))
+    gap = attempt.interrupted(PATIENCE + PERIOD)
+    assert len(gap.usable(grasps(0.1))) == 0
+    # The way until then does not count: the hand may have been led elsewhere.
+    assert gap.left == np.inf and gap.relaxation == attempt.relaxation
+
+
 def test_a_hand_that_gets_on_gives_nothing_up():
     coming = after(8.0, Attempt(), grasps(0.0), x=lambda t: 0.5 * np.exp(-0.2 * t))
     assert len(coming.given_up) == 0
