@@ -98,6 +98,13 @@ def test_an_arm_that_fits_no_closed_form_is_seeded_and_its_model_is_drakes(tmp_p
         assert reach.reachable((X_WF @ reach.gripper.X_FG)[None]).all()
 
 
+def test_light_links_keep_their_centre_of_mass(tmp_path):
+    urdf = tmp_path / "light.urdf"
+    urdf.write_text(jaco_urdf().replace('value="0.6"', 'value="0.04"'))
+    for link in describe_urdf(urdf, "l7")["links"]:
+        np.testing.assert_allclose(link["com"], 0.0, atol=1e-6)
+
+
 def test_what_is_no_arm_is_refused(tmp_path, capsys):
     arm, urdf = load_arm("panda"), tmp_path / "arm.urdf"
     text = arm_urdf(arm)

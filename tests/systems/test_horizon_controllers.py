@@ -9,12 +9,15 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource, ZeroOrderHold
 
+from feasigrasp.errors import ControlError
 from feasigrasp.models.control.horizon.law import HorizonOptions
 from feasigrasp.models.control.horizon.program import ProgramOptions
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
@@ -55,6 +58,11 @@ def grasp_ahead(distance):
 
 def memory(bench):
     return bench.dut.memory(bench.context)
+
+
+def test_options_of_another_arm_are_refused():
+    with pytest.raises(ControlError, match="is iiwa, that of reachability iiwa14; give Safety"):
+        RMMTaskController(Reachability(arm=load_arm("iiwa14")), HorizonOptions())
 
 
 @both

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.grasps.non_maximum_suppression import suppress_non_maxima
+from feasigrasp.models.grasps.non_maximum_suppression import distinct, suppress_non_maxima
 
 
 def scored(*scores):
@@ -31,6 +31,10 @@ def test_few_rather_than_poor(scores, left):
 
 def test_whoever_judges_further_gets_all():
     assert len(suppress_non_maxima(scored(0.9, 0.4, 0.1), 64, least_score=0.0)) == 3
+
+
+def test_of_none_there_is_none():
+    assert len(distinct(scored(0.9, 0.8), 0)) == 0 and len(distinct(scored(0.9, 0.8), 1)) == 1
 
 
 def test_near_copies_go_first():

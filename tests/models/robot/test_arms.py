@@ -336,6 +336,12 @@ def test_plans_keep_the_limits_of_random_arms(n):
         assert (first < arm.upper).all() and (first > arm.lower).all() and (room > 0).all()
 
 
+def test_an_s_r_s_arm_with_other_limits_to_either_side_is_refused():
+    arm = load_arm("iiwa7")
+    with pytest.raises(ArgumentError, match="limits of iiwa7? are not symmetric; give shoulder"):
+        replace(arm, lower=arm.lower + 0.1)
+
+
 def test_what_is_no_arm_is_refused(tmp_path):
     with pytest.raises(ScenarioError, match="do you mean panda"):
         load_arm("pandas")

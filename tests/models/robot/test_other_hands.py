@@ -1,5 +1,7 @@
 """Hands of any size and camera mount keep the clearance to the arm's own links."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -77,6 +79,18 @@ def test_the_wrist_at_its_limit_keeps_the_clearance(name, seed, side):
             q = q + OPTIONS.period * v
         guarded = name != "EZGripper"  # of the default hand by the visible bodies, see above
         assert distance(q, arm, tool) >= (OPTIONS.clearance - 3e-4 if guarded else 0.0)
+
+
+def test_a_capsule_holds_the_box_of_a_camera_that_is_deeper_than_high():
+    hand = replace(ParallelGripper(), camera_box=(0.09, 0.025, 0.10))
+    a, b = np.array(hand_capsules(hand)[-1][1:3])
+    half = np.array(hand.camera_box) / 2
+    corners = hand.camera_center + half * (np.indices((2, 2, 2)).reshape(3, -1).T * 2 - 1)
+    X_LG = IIWA_7.X_LF @ hand.X_FG
+    corners = corners @ X_LG[:3, :3].T + X_LG[:3, 3]
+    t = np.clip((corners - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+    away = np.linalg.norm(corners - a - t[:, None] * (b - a), axis=1)
+    assert away.max() <= hand_capsules(hand)[-1].radius + 1e-9
 
 
 def test_other_hands_are_kept_off_every_link_but_those_that_carry_them():

@@ -128,6 +128,8 @@ def test_wrong_input_is_refused():
         complete_shape(cloud_of(CAMERA), preset="best")
     with pytest.raises(PointCloudError, match="max_points"):
         complete_shape(cloud_of(CAMERA), max_points=2)
+    with pytest.raises(PointCloudError, match=r"every point is below; turn its normal up"):
+        complete_shape(cloud_of(CAMERA), table=[0.0, 0.0, -1.0, -RADIUS])
 
 
 def test_it_is_immutable(field):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from feasigrasp.errors import ControlError
 from feasigrasp.models.control.horizon.knots import Form
 from feasigrasp.models.control.horizon.program import ProgramOptions, positions, solve_program
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -41,6 +42,11 @@ def test_without_active_limits_no_other_plan_is_better():
             other = found.copy()
             other[1:] += size * rng.standard_normal((N, 7))
             assert objective(other, H, g, v_ref) > best
+
+
+def test_one_step_is_no_plan():
+    with pytest.raises(ControlError, match=r"steps = \(0.02,\); give at least two"):
+        ProgramOptions(steps=(0.02,))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
