@@ -214,7 +214,7 @@ class _SituationInputs:
         self._position = system.DeclareVectorInputPort("position", n)
         self._velocity = system.DeclareVectorInputPort("desired_velocity", n)
         ports = self._pose, self._twist, self._motion, self._position, self._velocity
-        self.tickets = {port.ticket() for port in ports}
+        self.tickets = {system.time_ticket(), *(port.ticket() for port in ports)}
 
     def situation(self, context: Context) -> Situation:
         """What they hold."""
@@ -268,7 +268,7 @@ class FeasiblePoses(LeafSystem):
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._now = _SituationInputs(self, reachability, prediction)
         inputs = {self._grasps.ticket(), self._gpdf.ticket(), *self._now.tickets}
-        declare_output(self, "feasibility", self._calc, {*inputs, self.time_ticket()})
+        declare_output(self, "feasibility", self._calc, inputs)
 
     def _calc(self, context: Context) -> Feasibility | None:
         grasps, now = self._grasps.Eval(context), self._now.situation(context)

@@ -15,6 +15,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.systems import reachability_filter
 from feasigrasp.systems.reachability_filter import FeasiblePoses, ReachabilityFilter
 
 REACH = Reachability()
@@ -190,6 +191,23 @@ def test_what_was_kept_is_remembered(filtered):
     alone = set(dut.GetOutputPort("grasps").Eval(fresh).id)
     common = [len(each & kept[0]) for each in (alone, *kept[1:])]
     assert common[0] < 0.8 * len(kept[0]) and min(common[1:]) >= 0.9 * len(kept[0])
+
+
+def test_grasps_are_judged_anew_as_time_passes(fixed_context, monkeypatch):
+    times, judge = [], reachability_filter.feasible_grasps
+
+    def judged(grasps, now, *given, **options):
+        times.append(now.time)
+        return judge(grasps, now, *given, **options)
+
+    monkeypatch.setattr(reachability_filter, "feasible_grasps", judged)
+    inputs = {"grasps": ring(1), "object_pose": NEAR, "object_velocity": STILL, "position": HOME}
+    dut = ReachabilityFilter(REACH)
+    context = fixed_context(dut, **inputs)
+    for time in (0.0, 1.0):
+        context.SetTime(time)
+        dut.GetOutputPort("grasps").Eval(context)
+    assert times == [0.0, 1.0]
 
 
 def test_a_pose_under_the_table_is_out_of_reach(evaluate):
