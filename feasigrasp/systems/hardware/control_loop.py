@@ -68,7 +68,7 @@ class Intake:
             channel: _FINGERPRINT + (_NUMBER if kind is lcmt_image_array else 0)
             for channel, kind in kinds.items()
         }
-        self._newest: dict[str, bytes] = {}
+        self._newest: dict[str, tuple[int, bytes]] = {}
         self._utime: dict[str, int] = {}
         self._pictures: dict[str, list[bytes]] = {}
         #: When the last message of a channel that was used came [s], and how many were not since.
@@ -99,7 +99,7 @@ class Intake:
         utime, data = self._statuses.popleft()
         self._forward(channels.IIWA_STATUS, utime, data)
         for channel, newest in self._newest.items():
-            self._forward(channel, self._utime[channel], newest)
+            self._forward(channel, *newest)
         self._newest.clear()
 
     def _forward(self, channel: str, utime: int, data: bytes) -> None:
@@ -115,6 +115,7 @@ class Intake:
         if message is None or stamped.utime < 0 or not self._in_step(channel, stamped.utime):
             self.dropped[channel] += 1
             return
+        self._utime[channel] = stamped.utime
         if isinstance(message, lcmt_image_array):
             pictures = [image.data for image in message.images]
             frozen = bool(pictures) and pictures == self._pictures.get(channel)
@@ -122,11 +123,10 @@ class Intake:
             if frozen:  # noise makes two images of a camera differ, whatever they show
                 self.dropped[channel] += 1
                 return
-        self._utime[channel] = stamped.utime
         if kind is lcmt_iiwa_status:
             self._statuses.append((stamped.utime, data))
         else:
-            self._newest[channel] = data
+            self._newest[channel] = stamped.utime, data
 
     def _in_step(self, channel: str, utime: int) -> bool:
         """Whether a stamp [us] follows on the last one of its channel, as far as time has passed.

@@ -255,3 +255,23 @@ def test_a_camera_that_repeats_its_image_with_new_stamps_counts_as_silent(bus):
         message.header.utime, message.images[0].data = 5000 * k, picture
         tell(bus, message.encode(), channel="images")
     assert bus[2].dropped["images"] == 2 and bus[2]._utime["images"] == 25_000
+
+
+def test_a_camera_that_froze_for_long_is_used_again_at_once(bus, clock):
+    """And what came before keeps its own stamp."""
+    outside, inside, intake, _ = bus
+    intake.begun, stamps = True, []
+    inside.Subscribe(
+        "images", lambda data: stamps.append(lcmt_image_array.decode(data).header.utime)
+    )
+    message = lcmt_image_array.decode(whole(lcmt_image_array))
+    for k in range(1, 62):
+        clock.now = k / 30
+        message.header.utime = round(1e6 * clock.now)
+        message.images[0].data = b"b" * 48 if k == 61 else b"a" * 48
+        outside.Publish("images", message.encode())
+        intake.receive(0.0)
+        if k == 60:
+            tell(bus, status(2_000_000))
+    tell(bus, status(2_040_000))
+    assert stamps == [33_333, 2_033_333] and intake.dropped["images"] == 59
