@@ -272,12 +272,11 @@ def messages() -> Iterator[Finding]:
         yield Finding(Health.WITHOUT, f"messages: no bus at {LCM_URL} ({error}): {mend}")
         return
     came: list[int] = []
-    subscription = receiver.Subscribe("FEASIGRASP_DOCTOR", lambda data: came.append(len(data)))
+    receiver.Subscribe("FEASIGRASP_DOCTOR", lambda data: came.append(len(data)))
     size = 200_000
     for _ in range(10):
         sender.Publish("FEASIGRASP_DOCTOR", bytes(size))
         receiver.HandleSubscriptions(100)
-    del subscription
     if came == [size] * 10:
         yield Finding(Health.OK, f"messages: multicast on the loopback works ({LCM_URL})")
     elif came:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +21,8 @@ from feasigrasp.cli import main
 from feasigrasp.errors import HardwareError
 from feasigrasp.runs.hardware.control import WAIT_FOR_GUARD, _Commands
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.guard import Guard, refuse_if_commanded
+from feasigrasp.systems.hardware import guard as guard_module
+from feasigrasp.systems.hardware.guard import Guard, Standby, refuse_if_commanded
 from feasigrasp.systems.hardware.priority import Priority, real_time
 
 RESET = getattr(os, "SCHED_RESET_ON_FORK", 0)
@@ -189,6 +191,28 @@ def test_a_controller_does_not_begin_where_somebody_commands():
     with pytest.raises(HardwareError, match=RIVAL):
         refuse_if_commanded(bus)
     del subscribed
+
+
+def test_of_what_comes_later_nothing_is_kept():
+    bus = DrakeLcm("memq://")
+    refuse_if_commanded(bus)
+    tracemalloc.start()
+    for _ in range(100):
+        bus.Publish(channels.IIWA_COMMAND, bytes(100_000))
+        bus.HandleSubscriptions(0)
+    assert tracemalloc.get_traced_memory()[0] < 1_000_000
+    tracemalloc.stop()
+
+
+def test_a_standby_that_refuses_the_driver_ends_without_an_error(monkeypatch):
+    """The guard beside it says why."""
+
+    def serve(_):
+        raise HardwareError("IIWA_STATUS has a period of 50 ms")
+
+    monkeypatch.setattr(Standby, "serve", serve)
+    monkeypatch.setattr(guard_module, "end_at_signals", lambda *_, **__: None)
+    guard_module._brake("memq://", SimpleNamespace(make_guard=lambda: None), True)
 
 
 def test_ctrl_c_ends_it(alone):
