@@ -74,6 +74,24 @@ def test_the_mask_gets_the_image_and_becomes_its_labels(fixed_context):
     assert (labels[:, :10] == Label.OBJECT).all() and (labels[:, 10:] == Label.SURROUNDINGS).all()
 
 
+def test_it_is_called_once_for_each_image_with_the_time_of_that(fixed_context):
+    """However often the labels are read, and whatever else changes; before the first image, not."""
+    times = []
+
+    def mask(color, depth, time):
+        times.append(time)
+        return np.ones((48, 64), dtype=bool)
+
+    dut, context = context_of(mask, fixed_context)
+    found = []
+    for k, stamp in enumerate([np.nan, 1.0, 1.0, 1.0, 1.5, 1.5]):
+        context.SetTime(1.06 + 0.1 * k)
+        dut.GetInputPort("image_time").FixValue(context, [stamp])
+        dut.GetInputPort("position").FixValue(context, np.full(7, 0.01 * k))
+        found.append((dut.get_output_port().Eval(context).data == Label.OBJECT).all())
+    assert times == [1.0, 1.5] and found == [False, *[True] * 5]
+
+
 def test_what_shows_the_robot_is_not_the_object(fixed_context):
     """The camera looks up along the arm, which stands upright at zero."""
     everything = MaskSegmentation(

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from pydrake.systems.sensors import ImageLabel16I, ImageRgba8U
 
 from feasigrasp.errors import CameraError, ScenarioError
@@ -17,10 +18,11 @@ from feasigrasp.models.arrays import Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.modeled_bodies import Kind, ModeledBodies
-from feasigrasp.systems.ports import declare_input, declare_output
+from feasigrasp.systems.ports import declare_input, declare_output, to_value, weakly
 
 #: Which pixels show the object, shape (height, width): from the colors (height, width, 3) as
-#: uint8, the depths (height, width) [m], infinite where nothing was measured, and the time [s].
+#: uint8, the depths (height, width) [m], infinite where nothing was measured, and the time when the
+#: image was taken [s].
 MaskFn = Callable[[NDArray[np.uint8], NDArray[np.float32], float], Mask]
 
 
@@ -32,6 +34,7 @@ class MaskSegmentation(LeafSystem):
         name: MaskSegmentation
         input_ports:
         - point_cloud
+        - image_time
         - camera_pose
         - position
         - gripper_state
@@ -41,7 +44,7 @@ class MaskSegmentation(LeafSystem):
 
     The ports are those of the same name of `ForegroundSegmentation`, whose place it takes.
     ``label_image`` holds a `Label` for each pixel: `Label.OBJECT` where the mask is true and the
-    pixel shows nothing of the robot.
+    pixel shows nothing of the robot. Before the first image nothing is the object.
     """
 
     def __init__(self, mask: MaskFn, camera: Camera, bodies: ModeledBodies) -> None:
@@ -65,13 +68,27 @@ class MaskSegmentation(LeafSystem):
             )
         self._mask, self._camera, self._bodies = mask, camera, bodies
         self._cloud = declare_input(self, "point_cloud", PointCloud())
+        self._image_time = self.DeclareVectorInputPort("image_time", 1)
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._position = self.DeclareVectorInputPort("position", bodies.arm.joints)
         self._gripper = self.DeclareVectorInputPort("gripper_state", 2)
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
+        # Time and labels of the last image, which stay until there is another one.
+        last = ValueProducer(to_value((np.nan, None)).Clone, weakly(self._look))
+        self._last = self.DeclareCacheEntry("labels of the last image", last).cache_index()
         declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))
 
     def _calc(self, context: Context) -> ImageLabel16I:
+        labels: ImageLabel16I = self.get_cache_entry(self._last).Eval(context)[1]
+        return labels
+
+    def _look(self, context: Context, last: AbstractValue) -> None:
+        stamped = self._image_time.HasValue(context)
+        time = float(self._image_time.Eval(context)[0] if stamped else context.get_time())
+        if time != last.get_value()[0]:  # nor is NaN, before the first image
+            last.set_value((time, self._labels(context, time)))
+
+    def _labels(self, context: Context, time: float) -> ImageLabel16I:
         camera, shape = self._camera, (self._camera.height, self._camera.width)
         points = self._cloud.Eval(context).xyzs().T
         color = self._color.Eval(context).data[:, :, :3]
@@ -86,7 +103,9 @@ class MaskSegmentation(LeafSystem):
         seen = kinds != Kind.UNOBSERVED
         depth = np.full(shape, np.inf, dtype=np.float32)
         depth[seen] = (points[seen.ravel()] - X_WC[:3, 3]) @ X_WC[:3, 2]
-        mask = checked_mask(self._mask(color, depth, context.get_time()), shape, self._mask)
+        mask = np.zeros(shape, dtype=bool)
+        if np.isfinite(time):
+            mask = checked_mask(self._mask(color, depth, time), shape, self._mask)
         labels = np.where(mask, np.int16(Label.OBJECT), np.int16(Label.SURROUNDINGS))
         labels[kinds == Kind.ROBOT] = Label.ROBOT
         image = ImageLabel16I(camera.width, camera.height)
