@@ -64,7 +64,8 @@ def make_object_stage(text: str) -> Diagram:
     sampling = make_grasp_sampler(
         scenario, make_part(Part.SAMPLER, scenario, reachability), reachability.gripper
     )
-    sampler = builder.AddNamedSystem("sampler", sampling)
+    # `Served` does what is due at the very instants of the posts.
+    sampler = builder.AddNamedSystem("sampler", sampling.every(_object_period(scenario)))
     builder.Connect(perception.GetOutputPort("gpdf"), sampler.get_input_port())
     for given in inputs_of(perception):
         builder.ExportInput(given, given.get_name())
@@ -148,9 +149,13 @@ def remote_object(cell: RemoteCell) -> RemoteStage:
             "!PerceptionLate delays what happens inside of perception.execution: processes; give "
             "perception: {execution: inline}, or a perception.latency"
         )
+    return _remote(cell, make_object_stage, _object_period(scenario), _after_image(scenario))
+
+
+def _object_period(scenario: Scenario) -> float:
+    """Time between posts to `make_object_stage` [s]."""
     camera = scenario.tracker.kind == TrackerKind.CAMERA
-    period = scenario.tracker.image_period if camera else scenario.perception.period
-    return _remote(cell, make_object_stage, period, _after_image(scenario))
+    return scenario.tracker.image_period if camera else scenario.perception.period
 
 
 def remote_scene(cell: RemoteCell, labels: Iterable[int]) -> RemoteStage:
