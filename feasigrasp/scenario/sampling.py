@@ -129,19 +129,25 @@ def make_motion(scenario: Scenario) -> ObjectMotion:
     orientation = Transform()
     orientation.rotation = scenario.object.rotation
     R_WO = orientation.Sample(generator).rotation().matrix()
-    values = dict(vars(config))
-    center, rng = np.array(values.pop("center")), np.random.default_rng([seed, _Stream.PLACE])
+    values = vars(config) | {"center": _center(scenario)}
     motion: ObjectMotion
     if isinstance(config, BezierPath):
-        legs = bezier_legs(rng, center, np.array(values.pop("size")))
+        rng = np.random.default_rng([seed, _Stream.PLACE])
+        legs = bezier_legs(rng, values.pop("center"), np.array(values.pop("size")))
         motion = BezierMotion(legs, **values, R_WO=R_WO)
     else:
-        center = center + rng.uniform(-1.0, 1.0, 3) * values.pop("spread")
-        values |= {"center": center, "start_phase": phase, "R_WO": R_WO}
-        motion = HarmonicMotion(**values)
+        del values["spread"]
+        motion = HarmonicMotion(**values | {"start_phase": phase, "R_WO": R_WO})
     if own := scenario.parts.get(Part.MOTION):
         motion = _checked(make_named(Part.MOTION, own, motion), own.name)
     return altered(motion, scenario.faults)
+
+
+def _center(scenario: Scenario) -> Array:
+    """Centre of the object's path, as it is drawn [m]."""
+    rng = np.random.default_rng([scenario.random_seed, _Stream.PLACE])
+    spread = getattr(scenario.motion, "spread", np.zeros(3))
+    return np.array(scenario.motion.center) + rng.uniform(-1.0, 1.0, 3) * spread
 
 
 def _checked(motion: Any, name: str) -> ObjectMotion:
@@ -173,7 +179,7 @@ def make_distractor_bodies(
         distractor_bodies.append(Carrier.of(kind, obj, motion, scenario.carrier.hue))
     if distractor.model:
         other = load_object(distractor.model)
-        middle = np.zeros(3) if distractor.moving else np.array(scenario.motion.center)
+        middle = np.zeros(3) if distractor.moving else _center(scenario)
         about = (motion, middle + distractor.offset, distractor.moving)
         distractor_bodies.append(Distractor("distractor", other.mesh, other.color, *about))
     return distractor_bodies

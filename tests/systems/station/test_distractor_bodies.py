@@ -8,7 +8,11 @@ from scipy.spatial import cKDTree
 from feasigrasp.models.objects.distractor_bodies import Carrier, CarrierKind
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
-from feasigrasp.scenario.sampling import load_scenario_object, make_motion
+from feasigrasp.scenario.sampling import (
+    load_scenario_object,
+    make_distractor_bodies,
+    make_motion,
+)
 from feasigrasp.systems.station.object_model import DistractorBodies
 from tests.cell import Cell
 
@@ -74,6 +78,15 @@ def test_another_object_is_seen_beside_the_path(carried):
     middle = seen[np.isfinite(seen).all(axis=1)].mean(axis=0)
     expected = np.array(cell.scenario.motion.center) + cell.scenario.distractor.offset
     assert np.linalg.norm(middle - expected) < 0.035  # its radius; its near side is seen
+
+
+def test_another_object_stands_where_the_path_is_drawn():
+    text = "{motion: {spread: [0.3, 0.3, 0.1]}, distractor: {model: duck}, random_seed: 3}"
+    scenario = load_scenario(FILE, "ReachLinearMocap", IDEAL, text)
+    motion = make_motion(scenario)
+    (other,) = make_distractor_bodies(scenario, load_scenario_object(scenario), motion)
+    expected = motion.center + scenario.distractor.offset
+    np.testing.assert_allclose(other.pose(0.0, np.inf)[:3, 3], expected)
 
 
 def test_it_draws_back_when_the_object_is_let_go(carried):
