@@ -122,7 +122,9 @@ def main(args: argparse.Namespace) -> int:
     start, (width, height), broken = camera_named(args.camera), args.size, None
     with start(width, height, args.rate) as (info, given), postponed_interrupt() as asked:
         frames = iter(given)
-        frame = next(frames)
+        frame = next(frames, None)
+        if frame is None:
+            raise HardwareError(f"{args.camera} gave no image; check that it streams")
         session = _Session(args, info, frame)
         print(f"open {session.page.url} in a browser, and {_CHOOSE}; Ctrl-C ends it", flush=True)
         try:

@@ -69,6 +69,12 @@ def clicked(width, height, rate):
     yield CameraInfo((FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2), 1e-4), images()
 
 
+@contextmanager
+def blind(width, height, rate):
+    """A camera without any image."""
+    yield CameraInfo((FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2), 1e-4), []
+
+
 pages = []
 
 
@@ -181,6 +187,7 @@ def _corners(X, X_first, k):
     ("name", "options", "says"),
     [
         ("none", BOX, "has no such class"),
+        ("blind", BOX, "gave no image"),
         ("mine", ["--box", "2", "2", "30", "30"], "--box: "),
         ("mine", [*BOX, "--record", "{here}"], "holds depth images already"),
     ],
