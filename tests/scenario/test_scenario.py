@@ -449,5 +449,7 @@ def test_a_key_that_only_older_releases_of_drake_have_is_read_where_it_changes_n
     assert scenario.random_seed == 3
     for each in (scenario, parse_scenario(f"{{{former}}}")):
         assert each.simulator_config.max_step_size == 0.02
+    with pytest.raises(ScenarioError, match="publish_every_time_step"):
+        parse_scenario(f"{{{step.replace('false', 'true')}}}")
     with pytest.raises(ScenarioError, match="has no key 'publish_evry_time_step'"):
         parse_scenario(f"{{{step.replace('every', 'evry')}}}")
