@@ -124,7 +124,11 @@ def _pixels(topic: str, message: Any) -> NDArray[Any]:
     try:
         if not hasattr(message, "encoding"):  # compressed; depth has a header of 12 bytes
             picture = Image.open(io.BytesIO(data[12:] if "compressedDepth" in topic else data))
-            return np.array(picture if "depth" in topic else picture.convert("RGB"))
+            image = np.array(picture if "depth" in topic else picture.convert("RGB"))
+            if message.format.startswith("32FC1"):  # depth is A / (value - B), and none where 0
+                _, A, B = np.frombuffer(data[:12], "<f4").astype(float)
+                return np.divide(A, image - B, out=np.zeros(image.shape), where=image > 0)
+            return image
         kind, channels = _ENCODINGS[message.encoding]
         dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
         rows = np.frombuffer(data, np.uint8).reshape(message.height, message.step)

@@ -1,6 +1,7 @@
 """Recordings of ROS 2 that are written by mcap-ros2-support are read as those of a camera."""
 
 import io
+import struct
 import sys
 
 import numpy as np
@@ -53,11 +54,11 @@ def raw(image, encoding, time, padding=0, big=False):
     }  # fmt: skip
 
 
-def compressed(image, time, before=b""):
+def compressed(image, time, before=b"", form="png"):
     file = io.BytesIO()
     Image.fromarray(image).save(file, "PNG")
     data = before + file.getvalue()
-    return "CompressedImage", {"header": header(time), "format": "png", "data": data}
+    return "CompressedImage", {"header": header(time), "format": form, "data": data}
 
 
 def info(d=()):
@@ -127,6 +128,19 @@ def test_compressed_images_are_read(tmp_path):
     _, (frame,) = read(bag)
     np.testing.assert_array_equal(frame.depth, DEPTHS[0])
     np.testing.assert_array_equal(frame.color, COLORS[0])
+
+
+def test_compressed_depth_of_floats_is_quantized_inverse_depth(tmp_path):
+    """By compressed_depth_image_transport, up to 10 m with its usual quantization."""
+    A = 100.0 * 101.0
+    B = 1.0 - A / 10.0
+    inverse = np.rint(A / (1e-3 * DEPTHS[0]) + B).astype(np.uint16)
+    inverse[0, :4] = 0
+    message = compressed(inverse, 10.0, struct.pack("<iff", 0, A, B), "32FC1; compressedDepth png")
+    bag = written(tmp_path / "a.mcap", (INFO, info()), (f"{DEPTH}/compressedDepth", message))
+    _, (frame,) = read(bag)
+    assert not frame.depth[0, :4].any()
+    np.testing.assert_allclose(frame.depth[1:], DEPTHS[0][1:], atol=1)
 
 
 @pytest.mark.parametrize(
