@@ -6,6 +6,7 @@ import pytest
 import trimesh
 
 from feasigrasp.runs.results.provenance import own_files
+from feasigrasp.scenario.cell import DistractorConfig
 from feasigrasp.scenario.parts import PartConfig
 from feasigrasp.scenario.schema import ObjectConfig, Scenario
 
@@ -37,6 +38,15 @@ def test_every_file_of_ones_own_is_known_by_what_it_holds(scenario, tmp_path):
         file.write_text(file.read_text() + "# changed\n")
         after = own_files(scenario)
         assert {k for k in before if before[k] != after[k]} == {key}
+
+
+def test_the_file_of_an_arm_and_a_distractor_are_the_users(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.box((0.05, 0.05, 0.1)).export("other.obj")
+    (tmp_path / "own.arm").write_text("")
+    scenario = Scenario(distractor=DistractorConfig("other.obj"))
+    scenario.arm = "own.arm"
+    assert set(own_files(scenario)) == {"arm", "distractor"}
 
 
 def test_an_object_of_a_folders_catalogue_is_its_mesh(scenario, tmp_path):

@@ -53,7 +53,8 @@ def test_all_paths_start_at_the_file(file):
     ]
     # A record's scenario can be read from anywhere, and says which files it was.
     assert paths(parse_scenario(dump_scenario(scenario))) == paths(scenario)
-    assert {"object", "gripper", "cell.meshes.bin"} == set(own_files(scenario))
+    given = {"object", "distractor", "gripper", "cell.meshes.bin"}
+    assert given | {"directives[1]", "directives[2]"} == set(own_files(scenario))
     assert [d.add_model.name for d in cell_directives(scenario) if d.add_model][-1] == "bin"
 
 

@@ -21,11 +21,16 @@ def own_files(scenario: Scenario) -> dict[str, str]:
     """SHA-256 of every file that a run depends on and that is not the package's.
 
     Returns:
-        By what it is for: ``object`` (its mesh), ``gripper``, ``cell.meshes.NAME``,
-        ``parts.sampler`` and so on (the module; what that imports is not looked at). One that is
-        not there is left out.
+        By what it is for: ``object`` and ``distractor`` (their meshes), ``arm``, ``gripper``,
+        ``directives[0]`` and ``cell.meshes.NAME``, ``parts.sampler`` and so on (what the file
+        names or imports is not looked at). One that is not there is left out.
     """
-    files = {"object": _mesh(scenario.object.model), "gripper": Path(scenario.gripper)}
+    bodies = {"object": scenario.object, "distractor": scenario.distractor}
+    files = {name: _mesh(body.model) for name, body in bodies.items()}
+    files |= {"arm": Path(scenario.arm), "gripper": Path(scenario.gripper)}
+    for i, directive in enumerate(scenario.directives):
+        if named := directive.add_model or directive.add_directives:
+            files[f"directives[{i}]"] = Path(named.file.removeprefix("file://"))
     for name, mesh in scenario.cell.meshes.items():
         files[f"cell.meshes.{name}"] = Path(mesh.file)
     for key, part in scenario.parts.items():
