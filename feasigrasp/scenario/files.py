@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses as dc
 import functools
 from collections.abc import Iterable
 from pathlib import Path
@@ -288,12 +287,8 @@ def _load(node: yaml.Node, defaults: Scenario) -> Scenario:
     text = yaml.serialize(node, Dumper=yaml.SafeDumper)
     try:
         # Drake merges maps, so that an empty one would change nothing.
-        given = yaml.load(text, Loader=yaml.BaseLoader)
-        empty = {key for key, value in dict(given or {}).items() if value == {}}
-        changes: dict[str, Any] = {
-            key: {} for key, value in vars(defaults).items() if key in empty and type(value) is dict
-        }
-        defaults = dc.replace(defaults, **changes)
+        defaults = copy.deepcopy(defaults)
+        _empty(defaults, yaml.load(text, Loader=yaml.BaseLoader))
         return yaml_load_typed(schema=Scenario, data=text, defaults=defaults)
     except _YAML_ERRORS as error:
         # Drake's structs list the C++ types that they take before what they were given.
@@ -303,6 +298,17 @@ def _load(node: yaml.Node, defaults: Scenario) -> Scenario:
             given = " ".join(given.partition("Invoked with")[2].lstrip(": ").split())
             raise ScenarioError(f"a value of a wrong length or kind: {given}") from error
         raise ScenarioError(str(error) or type(error).__name__) from error
+
+
+def _empty(value: Any, given: Any) -> None:
+    """Empties the maps of a part of a scenario for which an empty one is given."""
+    inner = value if isinstance(value, dict) else getattr(value, "__dict__", {})
+    for key, each in given.items() if isinstance(given, dict) else ():
+        part = inner.get(key)
+        # Not an entry of ``camera_noise``: a camera without changes keeps the errors it has.
+        if each == {} and isinstance(part, dict) and inner is not value:
+            part.clear()
+        _empty(part, each)
 
 
 def _shortened(text: str, length: int = 60) -> str:

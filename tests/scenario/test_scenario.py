@@ -9,7 +9,9 @@ from scipy.spatial.transform import Rotation
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.resources import diagram_path
+from feasigrasp.scenario.cell import CellConfig
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario, scenario_names
+from feasigrasp.scenario.parts import PartConfig
 from feasigrasp.scenario.sampling import (
     load_scenario_object,
     make_camera_noise,
@@ -230,6 +232,18 @@ def test_by_default_there_is_nothing_but_a_camera_as_a_d405():
         error = make_hand_eye(seen)["wrist_camera"]
         assert min(error.hand_eye_position, error.hand_eye_angle_deg) > 0.0
         assert make_hand_eye(plain) == {}
+
+
+def test_an_empty_map_empties_one_at_any_depth():
+    boxes = "{cell: {boxes: {one: {}, two: {}}, table_clearance: 0.02}}"
+    part = "{parts: {tracker: {name: 'a:B', options: {x: 1}}}}"
+    kept, emptied = "{cell: {boxes: {two: {}}}}", "{cell: {boxes: {}}}"
+    options = "{parts: {tracker: {options: {}}}}"
+    scenario = load_scenario(FILE, "ReachLinear", boxes, part, kept)
+    assert list(scenario.cell.boxes) == ["one", "two"]
+    scenario = load_scenario(FILE, "ReachLinear", boxes, part, emptied, options)
+    assert scenario.cell == CellConfig(table_clearance=0.02)
+    assert scenario.parts == {"tracker": PartConfig("a:B")}
 
 
 def test_camera_noise_is_off_where_no_camera_is_named():
