@@ -260,7 +260,7 @@ class Examples:
             "folder": recording, "recorded.folder": folder / "other", "recorded.camera": info,
             "frames": [frame], "k": 0, "grid": grid, "replay": folder / "replay.html",
             "width": 320, "height": 240, "GraspSet.width": grasps.width,
-            "filter_grasps.width": grasps.width, "ghost": "paper",
+            "filter_grasps.width": grasps.width, "ghost": Scenario(),
             "run.keep": lambda record: None, "line": None, "live": None, "size": (320, 240),
             "StationConfig.q_start": q, "GraspController.memory": None,
             "scenario": Scenario(), "config": GraspSequenceConfig(),

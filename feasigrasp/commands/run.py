@@ -167,6 +167,9 @@ def main(args: argparse.Namespace) -> int:
         raise FeasigraspError("--no-guard says who commands an arm; give it with --hardware")
     if args.ghost is not None and args.replay is None:
         raise FeasigraspError("--ghost is shown in a replay; give --replay FILE.html as well")
+    ghost = None
+    if args.ghost is not None:
+        _, ghost = load(argparse.Namespace(**vars(args) | {"mode": args.ghost}))
     if text := speed_text(scenario.control.speed, on_hardware=args.hardware):
         print(text, flush=True)
     groups = {str(scenario.control.controller)} & set(GROUPS)  # baselines compile as they go
@@ -199,7 +202,7 @@ def main(args: argparse.Namespace) -> int:
                 keep=kept,
                 line=line,
                 live=live,
-                ghost=args.ghost,
+                ghost=ghost,
             )
     finally:
         line.clear()

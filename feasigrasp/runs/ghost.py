@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +13,6 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.from_scenario import station_config
@@ -37,22 +35,15 @@ class Ghost:
     q: Array
 
 
-def ghost_of(scenario: Scenario, mode: str, until: float) -> Ghost:
-    """The true way of the arm in the same scenario under another mode.
+def ghost_of(scenario: Scenario, until: float) -> Ghost:
+    """The true way of the arm in a scenario.
 
     A simulation that breaks off leaves the way until then.
 
     Args:
         scenario: The scenario.
-        mode: The mode.
         until: How long [s].
-
-    Raises:
-        ScenarioError: The scenario has keys that this mode does not have.
     """
-    scenario = deepcopy(scenario)
-    scenario.control.mode = mode
-    check_scenario(scenario)
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)

@@ -132,7 +132,7 @@ def run(
     keep: Callable[[dict[str, Any]], None] = lambda record: None,
     line: StatusLine | None = None,
     live: LiveView | None = None,
-    ghost: str | None = None,
+    ghost: Scenario | None = None,
 ) -> Result:
     """Simulates a scenario until its grasp is over or its duration has passed.
 
@@ -147,7 +147,7 @@ def run(
         keep: Gets the record as soon as there is one, before the replay is written.
         line: Where to say how far the run is.
         live: Where to watch it.
-        ghost: The replay shows the arm in this mode as well, translucent.
+        ghost: The replay shows the arm of this scenario, in another mode, as well, translucent.
     """
     say = line.show if line else lambda text: None
     say("building the diagram")
@@ -208,13 +208,14 @@ def run(
         live.server.show(context.get_time(), outcome, pictures[-1] if pictures else None)
     if meshcat is not None and replay is not None:
         if ghost is not None:
-            say(f"simulating mode {ghost} beside it")
-            way = ghost_of(scenario, ghost, context.get_time())
+            say(f"simulating mode {ghost.control.mode} beside it")
+            way = ghost_of(ghost, context.get_time())
             show_ghost(meshcat, scenario, way, FRAMES_PER_SECOND)
         say(f"writing {replay}")
         monitor = diagram.GetSubsystemByName("status")
         looks = monitor.looks(monitor.GetMyContextFromRoot(context))
-        write_replay(meshcat, replay, (*looks, outcome), pictures, ghost or "")
+        mode = ghost.control.mode if ghost else ""
+        write_replay(meshcat, replay, (*looks, outcome), pictures, mode)
     return Result(record, read_run_log(diagram, context) if log else {}, times, samples)
 
 

@@ -17,6 +17,7 @@ from feasigrasp.runs.ghost import Ghost, ghost_of, show_ghost
 from feasigrasp.runs.live import FASTEST, PAUSE, SPEED, LiveView
 from feasigrasp.runs.replay import quiet_meshcat
 from feasigrasp.scenario import load_scenario
+from feasigrasp.scenario.files import dump_scenario
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 
@@ -85,12 +86,12 @@ def test_a_pause_ends_with_an_interrupt(live, simulator):
 
 def test_the_ghost_goes_the_way_of_its_mode():
     """From the start of the scenario, on a way that is not that of safe mode."""
-    scenario = load_scenario(FILE, "ReachLinearMocap", "{perception: {period: 0.25, latency: 0.0}}")
-    ways = [ghost_of(scenario, mode, 1.0) for mode in ("safe", "corrected")]
-    for way in ways:
+    text, ways = "{perception: {period: 0.25, latency: 0.0}}", []
+    for mode in ("safe", "corrected"):
+        scenario = load_scenario(FILE, "ReachLinearMocap", text, f"{{control: {{mode: {mode}}}}}")
+        ways.append(way := ghost_of(scenario, 1.0))
         np.testing.assert_allclose(way.q[0], scenario.start, atol=1e-9)
         assert way.times[0] == 0.0 and way.times[-1] == pytest.approx(1.0)
-    assert scenario.control.mode == "safe"  # it is not changed
     assert np.abs(ways[0].q[-1] - ways[1].q[-1]).max() > 0.02
 
 
@@ -120,3 +121,30 @@ def _transform(meshcat, path):
 def test_a_ghost_without_a_replay_is_refused(capsys):
     assert cli.main(["run", "ReachLinearMocap", "--ghost", "paper"]) == 2
     assert "give --replay FILE.html as well" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("options", "mode"), [([], "paper"), (["--mode", "paper"], "corrected")])
+def test_a_ghost_is_the_same_scenario_with_the_defaults_of_its_mode(
+    options, mode, tmp_path, monkeypatch
+):
+    class Called(Exception):
+        """Nothing is simulated."""
+
+    def run(scenario, name, *, ghost, **_):
+        expected = load_scenario(FILE, name, f"{{control: {{mode: {mode}}}}}")
+        assert dump_scenario(ghost) == dump_scenario(expected)
+        raise Called
+
+    monkeypatch.setattr("feasigrasp.commands.run.run", run)
+    monkeypatch.setattr("feasigrasp.commands.run.is_warm", lambda groups: True)
+    argv = ["run", "ReachLinearMocap", "--ghost", mode, "--replay", str(tmp_path / "a.html")]
+    with pytest.raises(Called):
+        cli.main([*argv, *options])
+
+
+@pytest.mark.parametrize("option", [["--speed", "20%"], ["--arm", "panda"]])
+def test_a_ghost_that_its_mode_refuses_costs_no_simulation(option, tmp_path, monkeypatch, capsys):
+    monkeypatch.delattr("feasigrasp.commands.run.run")
+    argv = ["run", "ReachLinearMocap", "--ghost", "paper", "--replay", str(tmp_path / "a.html")]
+    assert cli.main([*argv, *option]) == 2
+    assert "control" in capsys.readouterr().err.splitlines()[-1]
