@@ -185,7 +185,7 @@ def run(
             except Exception as failure:
                 if isinstance(failure, FeasigraspError) and not isinstance(failure, RuntimeError):
                     raise  # nothing that another run would not meet as well
-                error = _what_failed(failure)
+                error = what_failed(failure)
         if error is None and interrupted.is_set():
             error = INTERRUPTED
         ended = time.perf_counter()
@@ -229,7 +229,7 @@ def _frozen() -> Iterator[None]:
         gc.unfreeze()
 
 
-def _what_failed(failure: Exception) -> str:
+def what_failed(failure: Exception) -> str:
     """Drake's words, or ours; of what other code raised also what and where, and all on stderr."""
     where = traceback.extract_tb(failure.__traceback__)[-1]
     by_drake = type(failure) is RuntimeError and Path(where.filename) == Path(__file__)

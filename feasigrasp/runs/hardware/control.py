@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import multiprocessing
+import threading
 import time
 from collections.abc import Callable
 from functools import partial
@@ -19,7 +20,7 @@ from feasigrasp.one_thread import one_thread
 from feasigrasp.runs.console import StatusLine, progress
 from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.runs.results.interrupts import postponed_interrupt
-from feasigrasp.runs.run import INTERRUPTED, Result, crash_record, status_history
+from feasigrasp.runs.run import INTERRUPTED, Result, crash_record, status_history, what_failed
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels, guard
 from feasigrasp.systems.hardware.control_loop import ControlLoop
@@ -63,7 +64,7 @@ def run_hardware(
 
     Returns:
         A result without samples, with a record whose metrics are None: what happened, only who sees
-        the cell reports. Its ``error`` says if there is no driver, or no guard.
+        the cell reports. Its ``error`` says if there is no driver or guard, or what broke it off.
 
     Raises:
         HardwareError: There is no such bus, or somebody commands the arm already.
@@ -87,8 +88,13 @@ def run_hardware(
         try:
             say("waiting for the arm's driver")
             if watch is not None:
-                watch.wait_until_it_serves()
-            loop.step(WAIT_FOR_DRIVER)
+                watch.wait_until_it_serves(interrupted)
+            # The last of it `ControlLoop.step` waits, and raises.
+            deadline = time.monotonic() + WAIT_FOR_DRIVER - SILENCE
+            while loop.intake.oldest() is None and not interrupted.is_set():
+                if time.monotonic() > deadline:
+                    break
+                loop.intake.receive(0.05)
             with real_time(Priority.CONTROL):
                 while not interrupted.is_set() and not _is_over(loop, scenario):
                     loop.step(SILENCE)
@@ -98,8 +104,8 @@ def run_hardware(
                         commands.expect(loop.simulator.get_context().get_time())
                     if line is not None and loop.started:
                         _show(loop, started, line)
-        except HardwareError as failure:
-            error = str(failure)
+        except Exception as failure:
+            error = what_failed(failure)
         finally:
             if watch is not None:
                 watch.end()
@@ -136,10 +142,10 @@ class _OwnGuard:
         self._process = context.Process(target=_serve, args=given)
         self._process.start()
 
-    def wait_until_it_serves(self) -> None:
-        """Raises if it ends instead, or takes too long."""
+    def wait_until_it_serves(self, interrupted: threading.Event) -> None:
+        """Raises if it ends instead, or takes too long; Ctrl-C ends the wait."""
         deadline = time.monotonic() + WAIT_FOR_DRIVER
-        while not self._begun.wait(0.1):
+        while not self._begun.wait(0.1) and not interrupted.is_set():
             self.expect()
             if time.monotonic() > deadline:
                 raise HardwareError(f"the arm's guard does not serve after {WAIT_FOR_DRIVER:g} s")

@@ -19,8 +19,10 @@ from pydrake.lcm import DrakeLcm
 
 from feasigrasp.cli import main
 from feasigrasp.errors import HardwareError
-from feasigrasp.runs.hardware.control import WAIT_FOR_GUARD, _Commands
-from feasigrasp.systems.hardware import channels
+from feasigrasp.runs.hardware import control
+from feasigrasp.runs.hardware.control import WAIT_FOR_GUARD, _Commands, run_hardware
+from feasigrasp.scenario import load_scenario
+from feasigrasp.systems.hardware import channels, control_loop
 from feasigrasp.systems.hardware import guard as guard_module
 from feasigrasp.systems.hardware.guard import Guard, Standby, refuse_if_commanded
 from feasigrasp.systems.hardware.priority import Priority, real_time
@@ -261,3 +263,43 @@ def test_a_controller_without_a_guard_says_so():
 def test_no_guard_is_for_hardware(capsys):
     assert main(["run", "ReachCircularMocap", "--no-guard"]) != 0
     assert "--no-guard says who commands an arm; give it with --hardware" in capsys.readouterr().err
+
+
+def the_run(kept):
+    """A run on a bus without a driver; kept gets its record."""
+    text = "{perception: {execution: inline}, grasp: {close: false}}"
+    scenario = load_scenario("ReachLinearMocap", text)
+    return run_hardware(scenario, "", lcm_url="memq://", own_guard=False, keep=kept.append)
+
+
+def test_what_breaks_a_run_off_is_in_its_record_and_leaves_the_log(monkeypatch):
+    def broken(loop, timeout):
+        raise ValueError("broken part")
+
+    monkeypatch.setattr(control, "WAIT_FOR_DRIVER", control.SILENCE)
+    monkeypatch.setattr(control.ControlLoop, "step", broken)
+    kept = []
+    result = the_run(kept)
+    assert kept == [result.record] and "time" in result.log
+    assert result.record["error"].startswith("ValueError: broken part (")
+
+
+def test_ctrl_c_ends_the_wait_for_a_driver(monkeypatch):
+    receive = control_loop.Intake.receive
+
+    def interrupted(intake, timeout):
+        signal.raise_signal(signal.SIGINT)
+        monkeypatch.setattr(control_loop.Intake, "receive", receive)
+
+    monkeypatch.setattr(control_loop.Intake, "receive", interrupted)
+    record = the_run([]).record
+    assert record["error"] == control.INTERRUPTED and record["timings"]["wall_s"] < 3.0
+
+
+def test_ctrl_c_ends_the_wait_for_the_own_guard():
+    own, asked = object.__new__(control._OwnGuard), threading.Event()
+    own._begun, own._process = threading.Event(), SimpleNamespace(is_alive=lambda: True)
+    asked.set()
+    began = time.monotonic()
+    own.wait_until_it_serves(asked)
+    assert time.monotonic() - began < 3.0
