@@ -25,9 +25,8 @@ def own_files(scenario: Scenario) -> dict[str, str]:
         ``directives[0]`` and ``cell.meshes.NAME``, ``parts.sampler`` and so on (what the file
         names or imports is not looked at). One that is not there is left out.
     """
-    bodies = {"object": scenario.object, "distractor": scenario.distractor}
-    files = {name: _mesh(body.model) for name, body in bodies.items()}
-    files |= {"arm": Path(scenario.arm), "gripper": Path(scenario.gripper)}
+    files = {"object": _mesh(scenario.object.model), "gripper": Path(scenario.gripper)}
+    files |= {"distractor": _mesh(scenario.distractor.model), "arm": Path(scenario.arm)}
     for i, directive in enumerate(scenario.directives):
         if named := directive.add_model or directive.add_directives:
             files[f"directives[{i}]"] = Path(named.file.removeprefix("file://"))
