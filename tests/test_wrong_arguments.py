@@ -85,6 +85,7 @@ LEGAL = {
     "*.edge_jump:nothing": "edges are kept",
     "fit_gpdf.surface_offset:nothing": "the paper's field",
     "track.gpdf:nothing": "no field yet",
+    "track.looked:infinite": "never",
     "GraspController.memory:*": "whatever a controller of one's own remembers",
 }
 #: Arguments that another one has as many rows as.

@@ -184,13 +184,13 @@ def make_scenario_sampler(scenario: Scenario, gripper: Gripper) -> GraspSamplerF
 
 
 def make_grasp_sampler(
-    scenario: Scenario, sampler: GraspSamplerFn, gripper: Gripper
+    scenario: Scenario, sampler: GraspSamplerFn, gripper: Gripper, period: float = 0.05
 ) -> GraspSampler:
-    """The grasp sampler of a scenario, with its filter."""
+    """The grasp sampler of a scenario, with its filter, and the period of its history [s]."""
     checks = gripper if scenario.perception.filter else None
     # A tracker's field changes with every keyframe; grasps need not be sampled so often [s].
     rest = 0.25 if scenario.tracker.kind == TrackerKind.CAMERA else 0.0
-    return GraspSampler(sampler, checks, mass=scenario.object.mass, rest=rest)
+    return GraspSampler(sampler, checks, mass=scenario.object.mass, period=period, rest=rest)
 
 
 def make_scene(scenario: Scenario, gripper: Gripper, labels: Iterable[int]) -> PointCloudToScene:

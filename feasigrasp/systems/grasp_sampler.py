@@ -86,16 +86,11 @@ class GraspSampler(LeafSystem):
         self._recheck = None if gripper is None else recheck_of(gripper)
         self._payload_model = None if gripper is None else PayloadModel(gripper, mass)
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
-        self._rest, self._hand = rest, (gripper, mass)
+        self._rest = rest
         self._before = PeriodicState(self, _Sampled(GraspHistory()), period, self._update)
         inputs = {self._gpdf.ticket(), self._before.ticket()}
         self._now = declare_cache(self, "grasps of the present field", self._calc_history, inputs)
         declare_output(self, "grasps", self._calc, {self._now.ticket()})
-
-    def every(self, period: float) -> GraspSampler:
-        """One like it, whose history is brought up to date every ``period`` seconds."""
-        gripper, mass = self._hand
-        return GraspSampler(self._sampler, gripper, mass=mass, period=period, rest=self._rest)
 
     def _update(self, context: Context) -> _Sampled:
         before: _Sampled = self._before.Eval(context)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -94,9 +96,7 @@ def equivariance_error(network: TorchGraspNetwork, surface: GraspInput, seed: in
     Over all probabilities, widths [m] and components of unit vectors; the object is turned, moved
     and its points are shuffled.
     """
-    double = type(network).untrained()
-    double.network.load_state_dict(network.network.state_dict())
-    double.network.double()
+    double = type(network).of(copy.deepcopy(network.network).double())
     rng = np.random.default_rng(seed)
     R = Rotation.random(random_state=rng).as_matrix()
     p, order = rng.normal(size=3), rng.permutation(len(surface))

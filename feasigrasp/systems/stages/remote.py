@@ -61,11 +61,12 @@ def make_object_stage(text: str) -> Diagram:
     builder = DiagramBuilder()
     perception = make_part(Part.PERCEPTION, scenario, reachability)
     builder.AddNamedSystem("perception", perception)
-    sampling = make_grasp_sampler(
-        scenario, make_part(Part.SAMPLER, scenario, reachability), reachability.gripper
-    )
     # `Served` does what is due at the very instants of the posts.
-    sampler = builder.AddNamedSystem("sampler", sampling.every(_object_period(scenario)))
+    sampling = make_grasp_sampler(
+        *(scenario, make_part(Part.SAMPLER, scenario, reachability), reachability.gripper),
+        period=_object_period(scenario),
+    )
+    sampler = builder.AddNamedSystem("sampler", sampling)
     builder.Connect(perception.GetOutputPort("gpdf"), sampler.get_input_port())
     for given in inputs_of(perception):
         builder.ExportInput(given, given.get_name())
