@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.grasps.non_maximum_suppression import recheck_grasps
 from feasigrasp.models.objects.rigid_object import load_object
@@ -63,3 +64,14 @@ def test_grasps_of_a_rim_are_known_again(bowl, truth):
     assert len(again) > 0.8 * len(grasps)
     assert (np.diff(again.score) <= 0.0).all()
     assert truth.valid(again.X_OG, GRIPPER).mean() > 0.9
+
+
+@pytest.mark.parametrize("radius", [0.045, 0.06])
+def test_a_body_wider_than_the_hand_is_no_wall(radius):
+    """One view shows a cap of it that would fit between the fingers."""
+    camera = np.array([0.0, 0.0, -0.45])
+    points = radius * sphere_points(4000, 1.0)
+    points = points[points @ (camera / 0.45) > 1.3 * radius**2 / 0.45]
+    cloud = FusedCloud.empty(0.003, smooth=True).merged(points, camera)
+    grasps = NetworkSampler(GRIPPER)(complete_shape(cloud))
+    assert not (grasps.width < 0.01).any()
