@@ -202,7 +202,7 @@ STATEMENTS = {
         ("more than {:g} mm from the surface", (1e3 * local("filter.filter_grasps.tolerance"),)),
         ("exceeds {:g}; {:g}, then {:g}, while", value("filter.COSINE_STEPS")),
         ("is closer than {:g} mm and half", (mm("hand_clearance.MARGIN"),)),
-        ("walls thinner than {:g} mm are left", (mm("hand_clearance.THIN_WALL"),)),
+        ("walls below {:g} mm, free on both sides, are left", (mm("hand_clearance.THIN_WALL"),)),
         (
             "Non-maximum suppression ({:g} mm, {:.0f}°)",
             (
