@@ -24,7 +24,6 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from fnmatch import fnmatch
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -252,16 +251,16 @@ def _is_success(name: str, other: str, preset: str) -> bool:
     return name.endswith(".held_percent") and other == preset
 
 
-def outdated(commit: str = "HEAD") -> dict[str, list[str]]:
+def outdated() -> dict[str, list[str]]:
     """Stored files of the tables whose runs' code has changed since, with what has (`runtime`)."""
     tables = yaml.safe_load(TABLES.read_text())
     sources: dict[str, Stored] = {}
     for name, table in tables.items():
         if not name.startswith("_"):
             list(_lines(table["lines"], sources, STORE))
-    changed = cache(lambda revision: changed_since(revision, commit))
     measured = {name: stored.git for name, stored in sources.items() if stored.git}
-    return {name: changed(git) for name, git in measured.items() if changed(git)}
+    changed = {git: changed_since(git) for git in {*measured.values()}}
+    return {name: changed[git] for name, git in measured.items() if changed[git]}
 
 
 #: Columns that are no rows of summaries.

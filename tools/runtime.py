@@ -13,16 +13,16 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("feasigrasp", "models", "diagrams/dynamic.scenarios.yaml")
 
 
-def changed_since(revision: str, to: str = "HEAD", root: Path = ROOT) -> list[str]:
-    """Paths whose content differs between two revisions by more than words about it.
+def changed_since(revision: str, root: Path = ROOT) -> list[str]:
+    """Paths whose content differs between a revision and HEAD by more than words about it.
 
     Raises:
         subprocess.CalledProcessError: The revision is not in the repository.
     """
-    command = ["git", "diff", "--name-only", "--no-renames", revision, to, "--", *FOLDERS]
+    command = ["git", "diff", "--name-only", "--no-renames", revision, "HEAD", "--", *FOLDERS]
     output = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True).stdout
     paths = output.split("\n")[:-1]
-    then, now = (_contents(each, paths, root) for each in (revision, to))
+    then, now = (_contents(each, paths, root) for each in (revision, "HEAD"))
     return [path for path in paths if _meaning(path, then) != _meaning(path, now)]
 
 

@@ -167,9 +167,7 @@ def main(args: argparse.Namespace) -> int:
         raise FeasigraspError("--no-guard says who commands an arm; give it with --hardware")
     if args.ghost is not None and args.replay is None:
         raise FeasigraspError("--ghost is shown in a replay; give --replay FILE.html as well")
-    ghost = None
-    if args.ghost is not None:
-        _, ghost = load(argparse.Namespace(**vars(args) | {"mode": args.ghost}))
+    ghost = load(argparse.Namespace(**vars(args) | {"mode": args.ghost}))[1] if args.ghost else None
     if text := speed_text(scenario.control.speed, on_hardware=args.hardware):
         print(text, flush=True)
     groups = {str(scenario.control.controller)} & set(GROUPS)  # baselines compile as they go

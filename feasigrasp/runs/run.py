@@ -153,7 +153,7 @@ def run(
     say("building the diagram")
     # Made now: the revision may change while the simulation runs.
     record = crash_record(scenario, name, "")
-    with one_thread(), _frozen():
+    with one_thread(), frozen():
         watched = live.meshcat if live else None
         meshcat = start_recording(watched) if replay else watched
         error = None
@@ -220,7 +220,7 @@ def run(
 
 
 @contextmanager
-def _frozen() -> Iterator[None]:
+def frozen() -> Iterator[None]:
     """Leaves what is alive here, compiled code above all, out of garbage collection meanwhile."""
     gc.freeze()
     try:

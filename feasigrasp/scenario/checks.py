@@ -118,10 +118,7 @@ def _check_steps(scenario: Scenario) -> None:
     from poses alternate by a tenth.
     """
     if getattr(scenario.simulator_config, "publish_every_time_step", False):
-        raise ScenarioError(
-            "simulator_config.publish_every_time_step is true, with which metrics would count "
-            "samples twice; leave it out"
-        )
+        raise ScenarioError("simulator_config.publish_every_time_step doubles samples; omit it")
     period, step = scenario.control.period, scenario.plant_config.time_step
     steps = max(1, math.ceil(period / step - 1e-6))
     if abs(steps * step - period) > 1e-6 * period:

@@ -98,11 +98,11 @@ def test_images_that_look_through_the_cell_are_not_used(fixed_context, depth, na
     image = ImageDepth32F(64, 48)
     image.mutable_data[:] = depth
     context = fixed_context(dut, **inputs(plate(depth)[0]) | {"depth_image": image})
-    simulator, said = Simulator(dut, context), []
+    simulator, reported = Simulator(dut, context), []
     for k in range(6):
         simulator.AdvanceTo(0.1 * k + 0.05)
-        said.append(dut.GetOutputPort("contradicted").Eval(context))
-    assert said == [False, False, *[named] * 4]
+        reported.append(dut.GetOutputPort("contradicted").Eval(context))
+    assert reported == [False, False, *[named] * 4]
     unclear = dut.GetOutputPort("label_image").Eval(context).data == Label.UNCLEAR
     assert unclear.all() == named
     image.mutable_data[:] = 0.5

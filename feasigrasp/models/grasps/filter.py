@@ -64,7 +64,7 @@ def filter_grasps(
         gripper: The hand; it approaches fully open.
         prior: Estimate of a network, shape (n, 2): the probabilities that the contacts are good and
             that the hand is free, the latter NaN where it has no opinion. They are weighed with the
-            estimate of the field; walls thinner than `THIN_WALL` that are known to be free on both
+            estimate of the field; walls thinner than `THIN_WALL` with observed free space on both
             sides, and hands that collide only with unobserved surface, are left to the network.
         cosine_steps: Largest cosine allowed between the contact normals, strictest first. A
             weaker one is used only while fewer than ``enough`` grasps pass.
@@ -106,7 +106,8 @@ def filter_grasps(
     if plane is not None:
         candidates = _above_table(candidates, plane, gripper)
     pairs, pair_of = _contact_pairs(candidates)
-    thin = (pairs.width < THIN_WALL) & (prior is not None) & _is_wall(gpdf, pairs)
+    thin = (pairs.width < THIN_WALL) & (prior is not None)
+    thin[thin] = _is_wall(gpdf, pairs.select(np.flatnonzero(thin)))
     off, cosine = _contact_state(gpdf, pairs)
     cosine = np.where(thin, -1.0, cosine)
     # A contact further than this from the surface touches nothing [m].
@@ -162,7 +163,7 @@ def contact_cosine(gpdf: Gpdf, grasps: GraspSet) -> Array:
 
 
 def _is_wall(gpdf: Gpdf, pairs: GraspSet) -> Mask:
-    """Pairs with known free space beyond both contacts, as at a wall; all without any known."""
+    """Mask of contact pairs with observed free space beyond both; all if no free space is known."""
     if not gpdf.has_free_space:
         return np.ones(len(pairs), dtype=bool)
     beyond = 0.008 * pairs.X_OG[:, :3, 0]  # a finger is thicker [m]

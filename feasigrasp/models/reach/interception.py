@@ -321,8 +321,6 @@ def _follow_kernel(ahead, k, X_OG, q, branch, psi, v):
     ends = np.empty(ahead.search.fixed.shape)
     for m in range(k + 1, last):
         flange_pose_kernel(ahead.X_WO[m], X_OG, 0.0, ahead.X_GF, X_WF)
-        if hand_verdict_kernel(X_WF, ahead.search, ends) != REACHABLE:
-            return m - k - 1, hardest
         if not solve_kernel(chain, X_WF, branch, psi, after):
             return m - k - 1, hardest
         for j in range(len(q)):
@@ -339,7 +337,8 @@ def _follow_kernel(ahead, k, X_OG, q, branch, psi, v):
             late = k < int(o.latest) and _late_kernel(ahead, k, q, v) > _IN_TIME
             if late or not _is_admissible(q, ahead.search):
                 return 0, hardest
-        if not _is_admissible(after, ahead.search):
+        clear = hand_verdict_kernel(X_WF, ahead.search, ends) == REACHABLE
+        if not (clear and _is_admissible(after, ahead.search)):
             return m - k - 1, hardest
         before[:] = after
     return last - 1 - k, hardest

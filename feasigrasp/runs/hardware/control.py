@@ -20,7 +20,14 @@ from feasigrasp.one_thread import one_thread
 from feasigrasp.runs.console import StatusLine, progress
 from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.runs.results.interrupts import postponed_interrupt
-from feasigrasp.runs.run import INTERRUPTED, Result, crash_record, status_history, what_failed
+from feasigrasp.runs.run import (
+    INTERRUPTED,
+    Result,
+    crash_record,
+    frozen,
+    status_history,
+    what_failed,
+)
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels, guard
 from feasigrasp.systems.hardware.control_loop import ControlLoop
@@ -73,7 +80,7 @@ def run_hardware(
     say = line.show if line else lambda text: None
     record = crash_record(scenario, name, "")
     error = None
-    with one_thread(), postponed_interrupt() as interrupted:
+    with one_thread(), frozen(), postponed_interrupt() as interrupted:
         say("building the diagram")
         built = time.perf_counter()
         lcm = channels.open_lcm(lcm_url)
@@ -81,8 +88,7 @@ def run_hardware(
             guard.refuse_if_commanded(lcm)
         connect = partial(add_run_log, period=scenario.control.period) if log else None
         loop, commands = ControlLoop(scenario, lcm, connect), _Commands(lcm)
-        # What is alive here stays: not worth traversing again, least of all between two ticks.
-        gc.freeze()
+        gc.freeze()  # what was built as well: it would be traversed between two ticks
         watch = _OwnGuard(lcm_url, scenario) if own_guard else None
         started = time.perf_counter()
         try:
@@ -110,7 +116,6 @@ def run_hardware(
             if watch is not None:
                 watch.end()
             end_processes(loop.diagram)
-            gc.unfreeze()
     if interrupted.is_set():
         error = INTERRUPTED
     context = loop.simulator.get_context()

@@ -301,7 +301,7 @@ def _brake(url: str, cell: GuardedCell, alone: bool) -> None:
     """Process of the standby."""
     standby = Standby(channels.open_lcm(url), cell.make_guard())
     end_at_signals(standby.end, alone=alone)
-    # What refuses the driver is said by the guard.
+    # The guard itself reports why it refuses the driver.
     with real_time(Priority.DRIVER), suppress(HardwareError):
         standby.serve()
 

@@ -45,8 +45,7 @@ class TrueFrame(LeafSystem):
         self._at_view = declare_input(self, "pose_at_view", RigidTransform())
         self._tracked_pose = declare_input(self, "tracked_pose", RigidTransform())
         self._track = declare_input(self, "track", FieldTrack())
-        # X_BO, and when O was begun [s]. Discrete: an abstract state would invalidate the caches of
-        # the whole diagram.
+        # X_BO, and when O was begun [s]; discrete, since an abstract state invalidates all caches.
         self.DeclareDiscreteState(np.full(13, np.nan))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._align))
         declare_output(self, "frame_pose", self._calc, model=RigidTransform())

@@ -73,7 +73,7 @@ class MaskSegmentation(LeafSystem):
         self._position = self.DeclareVectorInputPort("position", bodies.arm.joints)
         self._gripper = self.DeclareVectorInputPort("gripper_state", 2)
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
-        # Time and labels of the last image, which stay until there is another one.
+        # Time and labels of the last image: each is masked once, whoever reads it and when.
         last = ValueProducer(to_value((np.nan, None)).Clone, weakly(self._look))
         self._last = self.DeclareCacheEntry("labels of the last image", last).cache_index()
         declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))

@@ -151,8 +151,8 @@ class FieldTracker(LeafSystem):
         view = _view(self._camera, self._camera_pose.Eval(context), xyz, depth)
         held = self._phase.HasValue(context) and self._phase.Eval(context)[0] > Phase.CLOSE
         second = partial(self._second.view, context, time) if self._second is not None else None
-        learnt, looked = (perceived.gpdf, perceived.views), perceived.looked
-        after = track(*(before, view, time, *learnt), looked=looked, held=bool(held), second=second)
+        learnt = {"gpdf": perceived.gpdf, "views": perceived.views, "looked": perceived.looked}
+        after = track(before, view, time, **learnt, held=bool(held), second=second)
         return replace(after, delay=context.get_time() - time)
 
     def _time_of_image(self, context: Context) -> float:
