@@ -157,7 +157,7 @@ def pose_and_jacobian(
     """Tool pose and geometric Jacobian.
 
     Args:
-        q: Joint positions [rad], shape (..., 7), at most 2 pi in size.
+        q: Joint positions [rad], shape (..., 7), at most 4 pi in size.
         X_FT: Tool frame in the flange frame, shape (4, 4); the flange itself by default.
         arm: The arm.
 
@@ -166,7 +166,7 @@ def pose_and_jacobian(
         [angular; linear] at the tool origin, expressed in the world. NaN positions give NaN.
 
     Raises:
-        ArgumentError: ``q`` or ``X_FT`` has another shape; more than a whole turn (degrees?), or no
+        ArgumentError: ``q`` or ``X_FT`` has another shape; more than two turns (degrees?), or no
             pose.
     """
     q = arm.positions(q)

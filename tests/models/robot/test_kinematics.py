@@ -129,7 +129,7 @@ def test_kernels_equal_the_batch():
 def test_a_whole_turn_changes_nothing():
     Q = random_configurations(20, seed=6)
     X, J = pose_and_jacobian(Q)
-    X_turned, J_turned = pose_and_jacobian(Q - 2 * np.pi * np.sign(Q))
+    X_turned, J_turned = pose_and_jacobian(Q + 2 * np.pi * np.sign(Q))
     np.testing.assert_allclose(X_turned, X, rtol=0, atol=1e-12)
     np.testing.assert_allclose(J_turned, J, rtol=0, atol=1e-12)
 
