@@ -9,7 +9,8 @@ say() { printf 'newest: %s\n' "$*"; }
 
 minor='import sys; print(sys.version_info.minor)'
 own=$(.venv/bin/python -c "$minor")
-newest=$(tools/pythons.sh | head -1)
+newest=$(tools/pythons.sh)
+newest=${newest%%$'\n'*}
 if [[ -z $newest || $("$newest" -c "$minor") -le $own ]]; then
     say "skipped: no newer Python than 3.$own here (pyenv, uv or python3.N on the path)"
     exit 0
