@@ -444,7 +444,10 @@ STATEMENTS = {
         ("or {:g} s passed", (SCENARIO.simulation_duration,)),
         ("{} generated shapes of families", (TEST_OBJECTS,)),
     ],
-    "limitations.md": [("After a gap of more than {:g} s", (value("tracker._LONG_GAP"),))],
+    "limitations.md": [
+        ("Tracking begins with {:g} pixels", (value("tracker.FIRST_POINTS"),)),
+        ("After a gap of more than {:g} s", (value("tracker._LONG_GAP"),)),
+    ],
     "README.md": [
         (
             "within {:g} cm and {:.0f}° of its place",

@@ -15,7 +15,7 @@ from feasigrasp.models.tracking.tracker import FieldTrack, track
 from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp_lab.training.data.raycasting import Raycaster
 from tests.object_views import camera_at, look
-from tests.tracked_block import SURFACE, surface_error
+from tests.tracked_block import MESH, SURFACE, surface_error
 
 TWIST = np.array([0.05, 0.1, 0.2, 0.02, -0.06, 0.01])
 X0 = se3.make_pose(se3.so3_exp([0.2, 0.1, 0.4]), [0.5, 0.0, 0.5])
@@ -60,6 +60,22 @@ def test_it_knows_the_twist(followed):
             lever = estimate.X_WO[:3, 3] - X_WB[:3, 3]
             v = TWIST[3:] + np.cross(TWIST[:3], lever)
             assert np.abs(estimate.V_WO[3:] - v).max() < 0.012
+
+
+def test_a_small_object_far_away_is_followed_from_its_first_view_on():
+    """Of two centimeters, a hundred pixels."""
+    rng, tracker = np.random.default_rng(4), SequenceTracker()
+    small = Raycaster(0.2 * MESH.vertices, MESH.faces)
+    camera = CAMERA @ se3.make_pose(np.eye(3), [0.0, 0.0, -0.25])
+    for k in range(45):
+        X_WB = se3.extrapolate(X0, TWIST, k * PERIOD)
+        view = look(small, X_WB, camera, rng)
+        assert len(view.points_W) < 105
+        tracker = tracker.looked(view, k * PERIOD).learnt()
+    assert tracker.track.state(k * PERIOD, 0.5) is TrackingState.TRACKING
+    X_BO = se3.inverse(X_WB) @ tracker.track.estimate.X_WO
+    surface = tracker.shape.cloud.points @ X_BO[:3, :3].T + X_BO[:3, 3]
+    assert np.median(small.distance(surface)) < 1e-3
 
 
 def test_what_the_first_view_errs_is_no_motion():
