@@ -27,7 +27,6 @@ from feasigrasp.models.segmentation.foreground import Known, Label, segment
 from feasigrasp.models.segmentation.modeled_bodies import SIGMAS, Kind
 from feasigrasp.models.segmentation.tabletop import support_plane, table_plane
 from feasigrasp.models.tracking.sequence import SequenceTracker
-from feasigrasp.models.tracking.tracker import FIRST_POINTS
 from feasigrasp.models.tracking.view import ObjectView
 
 
@@ -237,8 +236,8 @@ class UnaidedTracker(Frozen):
         if expected is None and self.box is not None:
             inside = np.where(self._in_box().ravel() | (kinds == Kind.UNOBSERVED), kinds, Kind.CELL)
             bounded = self._labelled(view, Known(box=self.box), inside)
-            # A box that shows less than a first view needs points to an object.
-            if np.count_nonzero(bounded) >= FIRST_POINTS:
+            # A box that shows fewer pixels points to an object.
+            if np.count_nonzero(bounded) >= 300:
                 return bounded
         if expected is not None and expected.lost:
             found = self._searched(view, kinds, likely)
