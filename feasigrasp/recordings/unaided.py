@@ -236,8 +236,9 @@ class UnaidedTracker(Frozen):
         if expected is None and self.box is not None:
             inside = np.where(self._in_box().ravel() | (kinds == Kind.UNOBSERVED), kinds, Kind.CELL)
             bounded = self._labelled(view, Known(box=self.box), inside)
-            # A box that shows fewer pixels points to an object.
-            if np.count_nonzero(bounded) >= 300:
+            # A box that shows fewer pixels points to an object. Source: guessed.
+            least_shown = 300
+            if np.count_nonzero(bounded) >= least_shown:
                 return bounded
         if expected is not None and expected.lost:
             found = self._searched(view, kinds, likely)

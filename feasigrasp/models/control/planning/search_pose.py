@@ -1,12 +1,12 @@
 """Search poses: configurations from which the wrist camera searches a lost object.
 
-It draws back until the camera is some way off the place where the object is expected, and turns the
-camera there. If the object does not show, the view goes round that place in circles that widen. An
-object that moves to and fro in front of the arm comes into such a view by itself, too.
+The camera draws back from where the object is expected, and turns there; if nothing shows, the view
+circles that place, wider and wider. After `_HOME_AFTER` it looks from the home
+configuration: an object that moves to and fro in front of the arm comes into that view by itself.
 
-The poses from which the camera would see the place are many: from where it is or from nearer to the
-robot's base, at any turn about its axis. The arm goes to the one that it is soonest at; where it
-cannot be at any of them, the camera looks from all round the place, and from nearer and farther.
+The poses that show the place are many: from where the camera is or from nearer to the base, at any
+turn about its axis. The arm goes to the one that it is soonest at; where it cannot be at any, the
+camera looks from all round the place, and from nearer and farther.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _FROM_BASE = (0.0, 0.4, 1.0)
 _ALL_ROUND, _DISTANCES = sphere_points(24, 1.0), (0.3, _DISTANCE, 0.46)
 #: Turns about the camera's axis that are tried. Source: numerical.
 _ROLLS = 6
-#: The view begins to circle when the object has been out of sight so long [s], once in so long [s],
-#: and so quickly farther out [rad/s], up to this [rad]. Source: guessed.
-_CIRCLES_AFTER, _CIRCLE_PERIOD, _WIDENS, _WIDEST = 1.5, 4.0, 0.08, 0.35
+#: The view circles an object that has been out of sight so long [s], once in so long [s],
+#: so quickly farther out [rad/s]; after so long the arm looks from home [s]. Source: guessed.
+_CIRCLES_AFTER, _CIRCLE_PERIOD, _WIDENS, _HOME_AFTER = 1.5, 4.0, 0.08, 5.0
 #: Share of the speed that joints may have, and rate at which the way that is left decreases [1/s].
 #: Source: guessed.
 _SPEED_SHARE, _GAIN = 0.5, 3.0
@@ -73,6 +73,9 @@ def search_configuration(
     Returns:
         Shape (7,) [rad]; None if there is none.
     """
+    home = np.array(reachability.arm.home)
+    if search_target.age > _HOME_AFTER and reachability.admissible(home[None])[0]:
+        return home
     p_W = search_target.X_WO[:3, 3]
     X_WH = forward_kinematics(q, reachability.gripper.X_FG, reachability.arm)
     X_CH = se3.inverse(X_WC) @ X_WH
@@ -106,10 +109,7 @@ def _turned_views(p_WC: Array, z_W: Array, X_WC: Array) -> Array:
 
 
 def search_velocity(q: Array, q_search: Array, speed: float = 1.0, arm: Arm = IIWA_7) -> Array:
-    """Joint velocity (7,) [rad/s] that takes the arm there, all joints in time with each other.
-
-    ``speed`` is the share of the velocity limits that the arm may use.
-    """
+    """Joint velocity (7,) [rad/s] to there at a share ``speed`` of the limits, joints in step."""
     way = q_search - q
     time = float(np.max(np.abs(way) / (speed * _SPEED_SHARE * arm.velocity_limits)))
     return np.asarray(min(_GAIN, 1.0 / max(time, 1e-9)) * way)
@@ -118,8 +118,7 @@ def search_velocity(q: Array, q_search: Array, speed: float = 1.0, arm: Arm = II
 def _usual_sides(p_W: Array, X_WC: Array, arm: Arm) -> Array:
     """Directions from a place to the camera, to the robot's shoulder, and between, shape (n, 3)."""
     to_camera = _direction(X_WC[:3, 3] - p_W, -X_WC[:3, 2])
-    shoulder = arm.points[1]
-    to_base = _direction(shoulder - p_W, to_camera)
+    to_base = _direction(arm.points[1] - p_W, to_camera)
     share = np.array(_FROM_BASE)[:, None]
     return _direction((1.0 - share) * to_camera + share * to_base, to_base)
 
@@ -127,7 +126,7 @@ def _usual_sides(p_W: Array, X_WC: Array, arm: Arm) -> Array:
 def _aside(z: Array, age: float) -> Array:
     """Where is looked instead of along unit z (n, 3), after so long out of sight, shape (n, 3)."""
     circling = max(age - _CIRCLES_AFTER, 0.0)
-    angle, phase = min(_WIDENS * circling, _WIDEST), 2.0 * np.pi * circling / _CIRCLE_PERIOD
+    angle, phase = _WIDENS * circling, 2.0 * np.pi * circling / _CIRCLE_PERIOD
     x, y = se3.perpendiculars(z)
     return np.asarray(np.cos(angle) * z + np.sin(angle) * (np.cos(phase) * x + np.sin(phase) * y))
 
