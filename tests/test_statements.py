@@ -176,6 +176,7 @@ STATEMENTS = {
         ("visible for {:g} s without a fit", (local("tracker.track.given_up"),)),
         ("out of sight for {:g} s, the arm moves", (value("search_pose.SEARCH_AFTER"),)),
         ("After {:g} s the view circles", (value("search_pose._CIRCLES_AFTER"),)),
+        ("after {:g} s the arm looks from its home", (value("search_pose._HOME_AFTER"),)),
         ("once others agree for {:g} s", (value("pose_filter._JUMP_FOR"),)),
         ("For {} approach directions", (value("contact_features.DIRECTIONS"),)),
         ("It has {:,} weights.", (weights("grasp_network"),)),
@@ -446,7 +447,7 @@ STATEMENTS = {
     ],
     "limitations.md": [
         ("Tracking begins with {:g} pixels", (value("tracker.FIRST_POINTS"),)),
-        ("After a gap of more than {:g} s", (value("tracker._LONG_GAP"),)),
+        ("after {:g} s from the arm's home", (value("search_pose._HOME_AFTER"),)),
     ],
     "README.md": [
         (
