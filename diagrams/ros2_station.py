@@ -4,8 +4,9 @@
 
 Not a dependency: it needs a sourced ROS 2 (``rclpy``, ``sensor_msgs``, ``geometry_msgs``). It
 translates topics into the messages of ``docs/hardware.md`` and back, so that ``feasigrasp run
-SCENARIO --hardware`` and its guard work as they do with Drake's drivers. Topics: ``joint_states``
-and the object's ``pose`` in, ``joint_command`` (positions) and ``gripper_command`` (metres) out.
+SCENARIO --hardware`` and its guard work as they do with Drake's drivers. Topics: ``joint_states``,
+``gripper_states`` (one joint: the distance between the pads) and the object's ``pose`` in,
+``joint_command`` (positions) and ``gripper_command`` (metres) out.
 """
 
 import importlib
@@ -20,6 +21,7 @@ from drake import (
     lcmt_image,
     lcmt_image_array,
     lcmt_schunk_wsg_command,
+    lcmt_schunk_wsg_status,
 )
 from pydrake.lcm import DrakeLcm
 
@@ -44,6 +46,15 @@ def status(joint_state) -> lcmt_iiwa_status:
         setattr(message, name, [0.0] * IIWA_7.joints)
     message.joint_position_measured = [joint_state.position[i] for i in order]
     message.joint_position_commanded = message.joint_position_measured
+    return message
+
+
+def fingers(joint_state) -> lcmt_schunk_wsg_status:
+    """A ``JointState`` of the distance between the pads [m] as the status of a WSG's driver."""
+    message = lcmt_schunk_wsg_status()
+    message.utime = microseconds(joint_state.header.stamp)
+    message.actual_position_mm = 1e3 * joint_state.position[0]
+    message.actual_speed_mm_per_s = 1e3 * joint_state.velocity[0] if joint_state.velocity else 0.0
     return message
 
 
@@ -98,6 +109,7 @@ def main() -> int:
     gripper = node.create_publisher(standard.Float64, "gripper_command", 1)
     for kind, topic, channel, translated in (
         (sensors.JointState, "joint_states", channels.IIWA_STATUS, status),
+        (sensors.JointState, "gripper_states", channels.WSG_STATUS, fingers),
         (sensors.Image, args.camera, channels.image_channel(args.camera_name), images),
         (geometry.PoseStamped, "pose", channels.OBJECT_POSE, pose),
     ):

@@ -4,7 +4,10 @@ Export or download the encoder, (1, 3, 1024, 1024) -> embeddings, and the decode
 segment-anything (``scripts/export_onnx_model.py``); ``pip install onnxruntime``. Not run by our
 tests, which have no weights. In a run::
 
-    parts: {segmentation: {name: "onnx_segmenter:Segmenter", encoder: e.onnx, decoder: d.onnx}}
+    parts:
+      segmentation:
+        name: "onnx_segmenter:Segmenter"
+        options: {encoder: e.onnx, decoder: d.onnx}
 
 For a folder: ``python onnx_segmenter.py FOLDER e.onnx d.onnx``, then
 ``feasigrasp track --folder FOLDER``.

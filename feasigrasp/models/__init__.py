@@ -1,1 +1,1 @@
-"""The mathematics: NumPy, numba and torch only. Nothing in this package imports Drake."""
+"""The mathematics: NumPy, SciPy and numba. Nothing in this package imports Drake."""

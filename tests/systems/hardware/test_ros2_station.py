@@ -4,8 +4,13 @@ from types import SimpleNamespace as Message
 
 import numpy as np
 from pydrake.common.value import Value
+from pydrake.lcm import DrakeLcm
+from pydrake.manipulation import SchunkWsgStatusReceiver
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.lcm import LcmSubscriberSystem
 
-from diagrams.ros2_station import images, pose, status
+from diagrams.ros2_station import fingers, images, pose, status
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware.images import RgbdReceiver
 from feasigrasp.systems.hardware.object_pose import ObjectPoseReceiver
@@ -19,6 +24,26 @@ def test_joints_are_told_by_their_names():
     assert list(found.joint_position_measured) == [6, 5, 4, 3, 2, 1, 0]
     assert found.utime == 3_250_000
     assert found.encode()
+
+
+def test_the_opening_comes_through():
+    topic = Message(header=HEADER, name=["opening"], position=[0.05], velocity=[-0.02])
+    message = fingers(topic)
+    assert message.utime == 3_250_000
+    lcm, builder = DrakeLcm("memq://"), DiagramBuilder()
+    subscriber = builder.AddSystem(
+        LcmSubscriberSystem.Make("FINGERS", type(message), lcm, use_cpp_serializer=True)
+    )
+    receiver = builder.AddSystem(SchunkWsgStatusReceiver())
+    builder.Connect(subscriber.get_output_port(), receiver.get_input_port(0))
+    simulator = Simulator(builder.Build())
+    lcm.Publish("FINGERS", message.encode())
+    lcm.HandleSubscriptions(0)
+    simulator.AdvanceTo(0.01)
+    context = receiver.GetMyContextFromRoot(simulator.get_context())
+    opening = receiver.GetOutputPort("state").Eval(context)
+    np.testing.assert_allclose(opening, [0.05, -0.02])
+    assert fingers(Message(header=HEADER, position=[0.05], velocity=[])).actual_speed_mm_per_s == 0
 
 
 def test_images_come_through(fixed_context):
