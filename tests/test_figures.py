@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from feasigrasp_lab.runs.summary import HANDLING
-from tools.figures import PAGES, TABLES, counted_to, filled, made
+from tools.figures import PAGES, TABLES, counted_to, filled, made, outdated
 from tools.runtime import changed_since
 from tools.stored import ROOT, STORE, FigureError, commit_of, names, read, store
 
@@ -32,6 +32,14 @@ def test_a_changed_figure_and_a_changed_age_are_found():
     changed = re.sub(r"\d\.\d \(", "0.0 (", text, count=1)
     assert changed != text
     assert filled(changed, commit, date) == text != filled(text, 9999, date)
+
+
+def test_the_figures_of_readme_are_of_this_code():
+    try:
+        changed = outdated(PAGES[0].read_text())
+    except subprocess.CalledProcessError:
+        pytest.skip("this checkout has no history; clone it whole")
+    assert changed == {}, "measure again: feasigrasp evaluate all, then tools/figures.py store"
 
 
 def test_every_table_is_on_a_page():

@@ -251,13 +251,16 @@ def _is_success(name: str, other: str, preset: str) -> bool:
     return name.endswith(".held_percent") and other == preset
 
 
-def outdated() -> dict[str, list[str]]:
-    """Stored files of the tables whose runs' code has changed since, with what has (`runtime`)."""
+def outdated(page: str) -> dict[str, list[str]]:
+    """Stored files of a page's tables whose runs' code has changed since, with the paths.
+
+    Raises:
+        subprocess.CalledProcessError: A revision is not in the repository.
+    """
     tables = yaml.safe_load(TABLES.read_text())
     sources: dict[str, Stored] = {}
-    for name, table in tables.items():
-        if not name.startswith("_"):
-            list(_lines(table["lines"], sources, STORE))
+    for _, name, _ in _TABLE.findall(page):
+        list(_lines(tables[name]["lines"], sources, STORE))
     measured = {name: stored.git for name, stored in sources.items() if stored.git}
     changed = {git: changed_since(git) for git in {*measured.values()}}
     return {name: changed[git] for name, git in measured.items() if changed[git]}
@@ -286,7 +289,7 @@ def main() -> int:
     words = parser.parse_args().store
     try:
         if words == ["check"]:
-            found = outdated()
+            found = outdated("".join(page.read_text() for page in PAGES))
             for name, paths in found.items():
                 print(f"{name} was measured before {len(paths)} files changed: {paths[0]}, ...")
             return int(bool(found))
