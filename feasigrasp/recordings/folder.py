@@ -233,7 +233,11 @@ def _stamped(root: Path, rate: float) -> tuple[list[Path], Array]:
     if not pairs:
         raise InputError(f"there are no depth images {root / 'depth' / '*.png'}")
     pairs.sort()
-    return [file for _, file in pairs], np.array([time for time, _ in pairs])
+    times = np.array([time for time, _ in pairs])
+    # No camera takes so few images [s]; stamps of ROS are in nanoseconds.
+    if len(times) > 1 and (gap := float(np.median(np.diff(times)))) > 60.0:
+        raise InputError(f"{root}: images are {gap:g} s apart by their times; give seconds")
+    return [file for _, file in pairs], times
 
 
 def _stamped_list(file: Path) -> list[tuple[float, Path]]:
@@ -255,6 +259,8 @@ def _camera_poses(root: Path, times: Array) -> Array:
         R = Rotation.from_quat(rows[:, 4:]).as_matrix()
     except ValueError:
         raise InputError(f'{file}: give lines "time tx ty tz qx qy qz qw"') from None
+    if not len(rows):
+        raise InputError(f"{file} has no pose")
     poses = np.full((len(times), 4, 4), np.nan)
     nearest, near = _nearest(rows[:, 0], times)
     poses[near] = se3.make_pose(R, rows[:, 1:4])[nearest[near]]

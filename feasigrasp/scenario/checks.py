@@ -94,7 +94,7 @@ def _check_cell(scenario: Scenario) -> None:
     """Obstacles have names that are free, a file if they are meshes, and three numbers each."""
     cell, names = scenario.cell, [*scenario.cell.boxes, *scenario.cell.meshes]
     for name in names:
-        if not re.fullmatch(r"[A-Za-z]\w*", name):
+        if not (isinstance(name, str) and re.fullmatch(r"[A-Za-z]\w*", name)):
             raise ScenarioError(f"cell has the obstacle {name!r}; give letters, digits and _")
         if name in RESERVED or names.count(name) > 1:
             raise ScenarioError(f"cell has the obstacle {name!r}; that name is taken, give another")

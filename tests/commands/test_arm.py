@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -120,3 +121,60 @@ def test_what_is_no_arm_is_refused(tmp_path, capsys):
     urdf.write_text(text.replace('type="revolute"', 'type="prismatic"', 1))
     with pytest.raises(ArgumentError, match="panda_joint_1 is prismatic; joints of an arm turn"):
         describe_urdf(urdf, "panda_link_7")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("<robot", "robot", "is no URDF"),
+        ('lower="-2', 'lower="${-pi}-2', "expand it first"),
+        ('velocity="', 'velocity="-', "must be positive"),
+        ('effort="', 'effort="-', "must be positive"),
+        ('lower="-', 'lower="-100', "give radians"),
+        ('<axis xyz="', '<axis xyz="0 0 0"/><axis xyz="', "its axis is"),
+        ('xyz="0 0 0.333"', 'xyz="0 0 333"', "are these mm?"),
+        ('<mass value="', '<mass value="-', "its mass is -"),
+        ("<collision", "<nothing", None),
+    ],
+)
+def test_a_mistake_in_a_urdf_is_named(old, new, words, tmp_path):
+    text, urdf = arm_urdf(load_arm("panda")), tmp_path / "arm.urdf"
+    if words is None:
+        for tag in ("collision", "visual"):
+            text = text.replace(f"<{tag}", "<nothing").replace(f"</{tag}", "</nothing")
+        words = "no link has geometry"
+    else:
+        assert old in text
+        text = text.replace(old, new, 1)
+    urdf.write_text(text)
+    with pytest.raises(ArgumentError, match=re.escape(words)):
+        describe_urdf(urdf, "panda_link_7")
+
+
+def test_joints_in_a_circle_are_named(tmp_path):
+    text, urdf = arm_urdf(load_arm("panda")), tmp_path / "arm.urdf"
+    back = '<joint name="back" type="fixed"><parent link="panda_link_7"/>'
+    back += '<child link="panda_link_0"/></joint></robot>'
+    urdf.write_text(text.replace("</robot>", back))
+    with pytest.raises(ArgumentError, match="go in a circle"):
+        describe_urdf(urdf, "panda_link_7")
+
+
+def test_no_file_is_lost_and_what_cannot_be_written_is_said_first(tmp_path, capsys):
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(arm_urdf(load_arm("panda")))
+    before = urdf.read_text()
+    command = ["arm", str(urdf), "--flange", "panda_link_7", "--out"]
+    for more, words in (
+        ([str(urdf)], "is the URDF itself"),
+        ([str(tmp_path / "my arm.yaml")], "give --name of letters"),
+        ([str(tmp_path / "a.yaml"), "--name", "a/b"], "give --name of letters"),
+        ([str(tmp_path / "a.yaml"), "--acceleration", *"1111110"], "give positive limits"),
+    ):
+        assert cli.main([*command, *more]) == 2
+        assert words in capsys.readouterr().err
+    assert urdf.read_text() == before and list(tmp_path.iterdir()) == [urdf]
+    assert (
+        cli.main(["arm", str(tmp_path / "none.urdf"), *command[2:], str(tmp_path / "a.yaml")]) == 2
+    )
+    assert "is no URDF (FileNotFoundError" in capsys.readouterr().err

@@ -122,6 +122,13 @@ def test_masks_decide_and_times_come_from_names_or_a_rate(recording, tmp_path):
         (lambda f: (f / "camera.json").write_text('{"fx": 1}'), "fx, fy, cx, cy"),
         (lambda f: (f / "depth.txt").write_text("now"), "time file"),
         (lambda f: (f / "groundtruth.txt").write_text("1 2 3"), "qx qy qz qw"),
+        (lambda f: (f / "groundtruth.txt").write_text("# time"), "has no pose"),
+        (
+            lambda f: (f / "depth.txt").write_text(
+                "1e15 depth/1.0.png\n1000000033e6 depth/2.0.png"
+            ),
+            "are 3.3e.07 s apart by their times; give seconds",
+        ),
         (lambda f: (f / "depth.txt").write_text("1.0 depth/none.png"), "none.png"),
     ],
 )

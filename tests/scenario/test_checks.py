@@ -155,6 +155,8 @@ def test_bad_values_are_refused_by_name_when_they_are_read(small_file, key, valu
         ("{cell: {boxes: {a: {sise: [1, 1, 1]}}}}", "cell.boxes.a has no key 'sise'.*mean size"),
         ("{cell: {boxes: {table: {}}}}", "the obstacle 'table'; that name is taken"),
         ("{cell: {boxes: {a b: {}}}}", "the obstacle 'a b'; give letters"),
+        ("{cell: {boxes: {1: {}}}}", "the obstacle 1; give letters"),
+        ("{cell: {boxes: {yes: {}}}}", "the obstacle True; give letters"),
         ("{cell: {meshes: {a: {}}}}", "cell.meshes.a.file is empty"),
         (
             "{cell: {meshes: {a: {file: no.obj}}}}",

@@ -23,6 +23,8 @@ from feasigrasp.models.robot.arm import MEETING_TOLERANCE, meeting_point
 _ALONG = 1e-4
 #: Without an acceleration limit a joint reaches its speed limit in this time [s]. Source: guessed.
 _SPEED_UP = 0.3
+#: No arm's flange is farther from its base [m], and no joint turns by less [rad]. Source: reasoned.
+_FARTHEST, _LEAST_RANGE = 10.0, 0.2
 
 
 @dataclass
@@ -41,6 +43,8 @@ class _Body:
             X_WI = X_WL @ _origin(inertial)
             mass, values = float(_value(inertial, "mass", "value")), inertial.find("inertia")
             assert values is not None
+            if mass < 0.0:
+                raise ArgumentError(f"link {link.get('name')}: its mass is {mass} kg")
             ixx, iyy, izz, ixy, ixz, iyz = (
                 float(values.get(key, 0.0)) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
             )
@@ -117,15 +121,26 @@ def describe_urdf(file: Path, flange: str) -> dict[str, Any]:
     Gains, rotor inertias, home and pairs are left to `feasigrasp.commands.arm`.
 
     Raises:
-        ArgumentError: There is no such flange, or a joint does not turn.
+        ArgumentError: The file is no URDF of an arm with such a flange.
     """
-    robot = ET.parse(file).getroot()
+    try:
+        return _described(ET.parse(file).getroot(), file, flange)
+    except (OSError, ET.ParseError, ValueError, KeyError, AssertionError) as error:
+        if isinstance(error, ArgumentError):
+            raise
+        what = f"{type(error).__name__}: {error}"
+        raise ArgumentError(f"{file} is no URDF ({what}); of a xacro, expand it first") from error
+
+
+def _described(robot: ET.Element, file: Path, flange: str) -> dict[str, Any]:
     links = {link.get("name", ""): link for link in robot.findall("link")}
     above = {_value(joint, "child", "link"): joint for joint in robot.findall("joint")}
     if flange not in links:
         raise ArgumentError(f"{file} has no link {flange!r}; it has {', '.join(links)}")
     path, link = [], flange
     while link in above:
+        if above[link] in path:
+            raise ArgumentError(f"{file}: the joints from {flange} to the base go in a circle")
         path.append(above[link])
         link = _value(above[link], "parent", "link")
     root = link
@@ -138,9 +153,13 @@ def describe_urdf(file: Path, flange: str) -> dict[str, Any]:
         number[child] = number[parent] + (joint in moving)
         if joint in moving:
             joints.append(_joint(joint, X_of[child]))
+    if (far := float(np.linalg.norm(X_of[flange][:3, 3]))) > _FARTHEST:
+        raise ArgumentError(f"{file}: {flange} is {far:.0f} m off the base; are these mm?")
     bodies = [_Body() for _ in range(len(joints) + 1)]
     for name, X_WL, body in _rigid(robot, X_of, number, flange):
         bodies[body].add(X_WL, links[name], file.parent)
+    if not any(body.vertices for body in bodies):
+        raise ArgumentError(f"{file}: no link has geometry, and nothing would be kept clear of")
     origins = [np.zeros(3), *(np.array(joint["point"]) for joint in joints)]
     return {
         "family": _family(joints),
@@ -176,21 +195,28 @@ def _joint(joint: ET.Element, X_WL: Array) -> dict[str, Any]:
     if joint.get("type") not in ("revolute", "continuous"):
         raise ArgumentError(f"{name} is {joint.get('type')}; joints of an arm turn")
     own = [1.0, 0.0, 0.0] if axis is None else [float(v) for v in axis.attrib["xyz"].split()]
+    if not np.linalg.norm(own) > 0.0:
+        raise ArgumentError(f"joint {name}: its axis is {own}")
     direction = X_WL[:3, :3] @ np.array(own) / np.linalg.norm(own)
     if np.abs(direction - np.round(direction)).max() < _ALONG:
         direction = np.round(direction)
     limit = joint.find("limit")
     values = {} if limit is None else limit.attrib
     turn = 2.0 * np.pi if joint.get("type") == "continuous" else 0.0
-    velocity = float(values.get("velocity", np.pi))
+    velocity, effort = float(values.get("velocity", np.pi)), float(values.get("effort", 100.0))
+    lower, upper = float(values.get("lower", -turn)), float(values.get("upper", turn))
+    if not (upper - lower > _LEAST_RANGE and max(-lower, upper) <= 4.0 * np.pi):
+        raise ArgumentError(f"joint {name}: its limits are {lower} and {upper}; give radians")
+    if not (velocity > 0.0 and effort > 0.0):
+        raise ArgumentError(f"joint {name}: velocity and effort must be positive")
     return {
         "point": [_plain(v) for v in X_WL[:3, 3]],
         "axis": [float(v) + 0.0 for v in direction],
-        "lower": float(values.get("lower", -turn)),
-        "upper": float(values.get("upper", turn)),
+        "lower": lower,
+        "upper": upper,
         "velocity": velocity,
         "acceleration": _plain(velocity / _SPEED_UP, 4),
-        "effort": float(values.get("effort", 100.0)),
+        "effort": effort,
     }
 
 
