@@ -23,8 +23,6 @@ from feasigrasp.models.robot.arm import MEETING_TOLERANCE, meeting_point
 _ALONG = 1e-4
 #: Without an acceleration limit a joint reaches its speed limit in this time [s]. Source: guessed.
 _SPEED_UP = 0.3
-#: No arm's flange is farther from its base [m], and no joint turns by less [rad]. Source: reasoned.
-_FARTHEST, _LEAST_RANGE = 10.0, 0.2
 
 
 @dataclass
@@ -153,7 +151,8 @@ def _described(robot: ET.Element, file: Path, flange: str) -> dict[str, Any]:
         number[child] = number[parent] + (joint in moving)
         if joint in moving:
             joints.append(_joint(joint, X_of[child]))
-    if (far := float(np.linalg.norm(X_of[flange][:3, 3]))) > _FARTHEST:
+    # No arm is longer [m].
+    if (far := float(np.linalg.norm(X_of[flange][:3, 3]))) > 10.0:
         raise ArgumentError(f"{file}: {flange} is {far:.0f} m off the base; are these mm?")
     bodies = [_Body() for _ in range(len(joints) + 1)]
     for name, X_WL, body in _rigid(robot, X_of, number, flange):
@@ -205,7 +204,8 @@ def _joint(joint: ET.Element, X_WL: Array) -> dict[str, Any]:
     turn = 2.0 * np.pi if joint.get("type") == "continuous" else 0.0
     velocity, effort = float(values.get("velocity", np.pi)), float(values.get("effort", 100.0))
     lower, upper = float(values.get("lower", -turn)), float(values.get("upper", turn))
-    if not (upper - lower > _LEAST_RANGE and max(-lower, upper) <= 4.0 * np.pi):
+    # No joint turns by less [rad], or by more than two turns.
+    if not (upper - lower > 0.2 and max(-lower, upper) <= 4.0 * np.pi):
         raise ArgumentError(f"joint {name}: its limits are {lower} and {upper}; give radians")
     if not (velocity > 0.0 and effort > 0.0):
         raise ArgumentError(f"joint {name}: velocity and effort must be positive")
