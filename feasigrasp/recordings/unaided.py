@@ -237,8 +237,7 @@ class UnaidedTracker(Frozen):
             inside = np.where(self._in_box().ravel() | (kinds == Kind.UNOBSERVED), kinds, Kind.CELL)
             bounded = self._labelled(view, Known(box=self.box), inside)
             # A box that shows fewer pixels points to an object. Source: guessed.
-            least_shown = 300
-            if np.count_nonzero(bounded) >= least_shown:
+            if np.count_nonzero(bounded) >= 300:
                 return bounded
         if expected is not None and expected.lost:
             found = self._searched(view, kinds, likely)

@@ -123,9 +123,9 @@ def describe_urdf(file: Path, flange: str) -> dict[str, Any]:
     """
     try:
         return _described(ET.parse(file).getroot(), file, flange)
+    except ArgumentError:
+        raise
     except (OSError, ET.ParseError, ValueError, KeyError, AssertionError) as error:
-        if isinstance(error, ArgumentError):
-            raise
         what = f"{type(error).__name__}: {error}"
         raise ArgumentError(f"{file} is no URDF ({what}); of a xacro, expand it first") from error
 

@@ -1,8 +1,8 @@
 """Search poses: configurations from which the wrist camera searches a lost object.
 
 The camera draws back from where the object is expected, and turns there; if nothing shows, the view
-circles that place, wider and wider. After `_HOME_AFTER` it looks from the home
-configuration: an object that moves to and fro in front of the arm comes into that view by itself.
+circles that place, wider and wider. After `_HOME_AFTER` it looks from the home configuration, if
+that is admissible: an object that moves to and fro comes into that view by itself.
 
 The poses that show the place are many: from where the camera is or from nearer to the base, at any
 turn about its axis. The arm goes to the one that it is soonest at; where it cannot be at any, the
@@ -73,7 +73,7 @@ def search_configuration(
     Returns:
         Shape (7,) [rad]; None if there is none.
     """
-    home = np.array(reachability.arm.home)
+    home = reachability.arm.home
     if search_target.age > _HOME_AFTER and reachability.admissible(home[None])[0]:
         return home
     p_W = search_target.X_WO[:3, 3]
@@ -109,7 +109,7 @@ def _turned_views(p_WC: Array, z_W: Array, X_WC: Array) -> Array:
 
 
 def search_velocity(q: Array, q_search: Array, speed: float = 1.0, arm: Arm = IIWA_7) -> Array:
-    """Joint velocity (7,) [rad/s] to there at a share ``speed`` of the limits, joints in step."""
+    """Synchronized joint velocity (7,) [rad/s] to a configuration, at a share of the limits."""
     way = q_search - q
     time = float(np.max(np.abs(way) / (speed * _SPEED_SHARE * arm.velocity_limits)))
     return np.asarray(min(_GAIN, 1.0 / max(time, 1e-9)) * way)
@@ -126,7 +126,8 @@ def _usual_sides(p_W: Array, X_WC: Array, arm: Arm) -> Array:
 def _aside(z: Array, age: float) -> Array:
     """Where is looked instead of along unit z (n, 3), after so long out of sight, shape (n, 3)."""
     circling = max(age - _CIRCLES_AFTER, 0.0)
-    angle, phase = _WIDENS * circling, 2.0 * np.pi * circling / _CIRCLE_PERIOD
+    angle = _WIDENS * min(circling, _HOME_AFTER - _CIRCLES_AFTER)  # longer, if home is not free
+    phase = 2.0 * np.pi * circling / _CIRCLE_PERIOD
     x, y = se3.perpendiculars(z)
     return np.asarray(np.cos(angle) * z + np.sin(angle) * (np.cos(phase) * x + np.sin(phase) * y))
 
