@@ -31,6 +31,7 @@ import yaml
 
 from feasigrasp.runs.metrics.table import FIGURES, UNITLESS
 from tools.runtime import changed_since
+from tools.same_runs import stands_for
 from tools.stored import ROOT, STORE, FigureError, Stored, commit_of, read, store
 
 PAGES = (ROOT / "README.md", ROOT / "docs" / "results.md", ROOT / "docs" / "safety.md")
@@ -254,6 +255,8 @@ def _is_success(name: str, other: str, preset: str) -> bool:
 def outdated(page: str) -> dict[str, list[str]]:
     """Stored files of a page's tables whose runs' code has changed since, with the paths.
 
+    A later revision that gave the same reference runs stands for the one of the file.
+
     Raises:
         subprocess.CalledProcessError: A revision is not in the repository.
     """
@@ -262,7 +265,7 @@ def outdated(page: str) -> dict[str, list[str]]:
     for _, name, _ in _TABLE.findall(page):
         list(_lines(tables[name]["lines"], sources, STORE))
     measured = {name: stored.git for name, stored in sources.items() if stored.git}
-    changed = {git: changed_since(git) for git in {*measured.values()}}
+    changed = {git: changed_since(stands_for(git)) for git in {*measured.values()}}
     return {name: changed[git] for name, git in measured.items() if changed[git]}
 
 

@@ -1,0 +1,100 @@
+"""Whether this code gives the runs of an older revision: reference runs of both, bit for bit.
+
+``python tools/same_runs.py REVISION`` runs each line of ``tools/same_runs.yaml`` in a checkout of
+the revision and in one of HEAD, and compares all logged positions, commands and poses. If all are
+equal, it notes HEAD in the file, and figures of that revision count as figures of HEAD.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from tools.stored import ROOT
+
+RUNS = Path(__file__).with_name("same_runs.yaml")
+
+
+def stands_for(revision: str) -> str:
+    """The latest revision that gave the reference runs of this one, or itself."""
+    return str(yaml.safe_load(RUNS.read_text())["same"].get(revision, revision))
+
+
+def _short(revision: str) -> str:
+    """A revision as stored rows name it."""
+    command = ["git", "rev-parse", "--short=12", revision]
+    output = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return output.strip()
+
+
+def differences(ours: Path, theirs: Path) -> list[str]:
+    """Names of the logged quantities that two logs do not have alike."""
+    with np.load(ours) as one, np.load(theirs) as other:
+        names = sorted({*one.files} | {*other.files})
+        return [name for name in names if not _equal(one.get(name), other.get(name))]
+
+
+def _equal(one: np.ndarray | None, other: np.ndarray | None) -> bool:
+    if one is None or other is None:
+        return False
+    return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+
+
+@contextmanager
+def _checkout(revision: str) -> Iterator[Path]:
+    """A checkout of a revision, for as long as it is needed."""
+    with tempfile.TemporaryDirectory() as folder:
+        git = ["git", "-C", str(ROOT), "worktree"]
+        subprocess.run([*git, "add", "--detach", "--force", folder, revision], check=True)
+        try:
+            yield Path(folder)
+        finally:
+            subprocess.run([*git, "remove", "--force", folder], check=True)
+
+
+def _log(checkout: Path, words: str) -> Path:
+    """The log of one run in a checkout."""
+    file = checkout / "run.npz"
+    file.unlink(missing_ok=True)
+    command = [sys.executable, "-m", "feasigrasp.cli", "run", *shlex.split(words)]
+    environment = os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
+    subprocess.run(
+        [*command, "--log", str(file)],
+        cwd=checkout,
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        check=False,
+    )
+    return file
+
+
+def main() -> int:
+    """Runs the command."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("revision", help="the older revision")
+    revision, head = _short(parser.parse_args().revision), _short("HEAD")
+    content = yaml.safe_load(RUNS.read_text())
+    found = []
+    with _checkout(revision) as then, _checkout(head) as now:
+        for words in content["runs"]:
+            found += (differs := differences(_log(now, words), _log(then, words)))
+            print(f"{words}: {', '.join(differs) or 'the same'}", flush=True)
+    if found:
+        return 1
+    lines = RUNS.read_text().partition("same:")[0]
+    RUNS.write_text(lines + yaml.safe_dump({"same": content["same"] | {revision: head}}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
