@@ -62,9 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="Box about the object in the first image, in pixels. Default: the nearest thing.",
     )
     parser.add_argument(
-        "--label",
-        type=positive,
-        help="The object's value in masks that show several, or its number.",
+        "--label", type=positive, help="The object's value in masks of several, or its number."
     )
     parser.add_argument(
         "--rate", type=factor, default=30.0, help="Images per second, for a folder without times."
