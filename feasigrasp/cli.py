@@ -119,6 +119,11 @@ class _Parser(argparse.ArgumentParser):
         words = list(sys.argv[1:] if args is None else args)
         return super().parse_known_args([self._with_hyphens(word) for word in words], namespace)
 
+    def _get_value(self, action, arg_string):  # type: ignore[no-untyped-def]
+        if action.type is Path and not arg_string:
+            raise argparse.ArgumentError(action, "'' names no file or folder; give one")
+        return super()._get_value(action, arg_string)
+
     def _with_hyphens(self, word: str) -> str:
         name, equals, value = word.partition("=")
         hyphenated = name.replace("_", "-")

@@ -30,6 +30,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.segmentation.tabletop import tabletop
 from feasigrasp.outputs import check_outputs, write_text
 from feasigrasp.recordings.images import captured_points, holds_depth
+from feasigrasp.runs.results.arguments import output
 from feasigrasp.runs.results.grasps_file import read_grasps
 
 
@@ -73,7 +74,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=("VX", "VY", "VZ"),
         help="Velocity of the object in the base, in m/s.",
     )
-    parser.add_argument("--verdicts", type=Path, help="Write verdicts and times to this JSON file.")
+    parser.add_argument(
+        "--verdicts", type=output(".json", ""), help="Write verdicts and times to this JSON file."
+    )
 
 
 def _pose(file: Path | None) -> Array:

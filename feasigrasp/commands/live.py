@@ -18,16 +18,17 @@ from pathlib import Path
 
 import numpy as np
 
-from feasigrasp.commands.record import add_camera_arguments, camera_named
+from feasigrasp.commands.record import add_camera_arguments, opened
 from feasigrasp.commands.track import TrackerImage, step
 from feasigrasp.errors import HardwareError, PointCloudError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler, sampler_names
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.outputs import check_folder
 from feasigrasp.recordings.camera_file import CameraInfo
 from feasigrasp.recordings.folder import decimation
-from feasigrasp.recordings.images import decimated, picked
+from feasigrasp.recordings.images import check_box, decimated, picked
 from feasigrasp.recordings.recorder import DepthFrame, check_new_recording, recorded
 from feasigrasp.recordings.unaided import UnaidedTracker
 from feasigrasp.runs.camera_view import CameraView
@@ -62,6 +63,7 @@ class _Session:
 
     def __init__(self, args: argparse.Namespace, info: CameraInfo, frame: DepthFrame) -> None:
         height, width = frame.depth.shape
+        check_box(args.box, (height, width))
         self._factor, self._unit, self._on_table = decimation(width), info.unit, args.on_table
         self._camera: Camera = info.camera(width, height).decimated(self._factor)
         self._given = None if args.box is None else np.array(args.box) / self._factor
@@ -118,10 +120,10 @@ class _Session:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     if args.record is not None:
+        check_folder("--record", args.record)
         check_new_recording(args.record)
-    start, (width, height), broken = camera_named(args.camera), args.size, None
-    with start(width, height, args.rate) as (info, given), postponed_interrupt() as asked:
-        frames = iter(given)
+    broken = None
+    with opened(args) as (info, frames), postponed_interrupt() as asked:
         frame = next(frames, None)
         if frame is None:
             raise HardwareError(f"{args.camera} gave no image; check that it streams")

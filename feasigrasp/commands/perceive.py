@@ -19,6 +19,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from feasigrasp.errors import FeasigraspError, PointCloudError
 from feasigrasp.models.clouds.files import prepare_cloud, read_cloud, viewpoint_of
@@ -31,7 +32,8 @@ from feasigrasp.outputs import check_outputs
 from feasigrasp.recordings.images import captured_points, holds_depth
 from feasigrasp.resources import model_path
 from feasigrasp.runs.pictures.perception import draw_perception, write_perception_html
-from feasigrasp.runs.results.grasps_file import check_suffix, write_grasps
+from feasigrasp.runs.results.arguments import factor, output, positive
+from feasigrasp.runs.results.grasps_file import write_grasps
 
 #: What the reasons of `GraspSet.rejected` mean, for somebody who wants a grasp.
 REASONS: dict[str, str] = {
@@ -70,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--mask", type=Path, help="Mask of the depth image: not zero where the object is."
     )
     parser.add_argument(
-        "--label", type=int, help="The object's value in a mask that shows several."
+        "--label", type=positive, help="The object's value in a mask that shows several."
     )
     parser.add_argument(
         "--box",
@@ -80,16 +82,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="Keep the pixels of the depth image inside this box, in pixels.",
     )
     parser.add_argument(
-        "--grasps", type=Path, help="Write poses, widths and scores to this .json, .npz or .npy."
+        "--grasps",
+        type=output(".json", ".npz", ".npy"),
+        help="Write poses, widths and scores to this .json, .npz or .npy (GraspNet).",
     )
     parser.add_argument(
         "--picture",
-        type=Path,
+        type=output(*(f".{end}" for end in FigureCanvasAgg.get_supported_filetypes())),
         help="Write the picture to this PNG. Default: out/perceive/<input>.png.",
     )
     parser.add_argument(
         "--html",
-        type=Path,
+        type=output(".html", ""),
         help="Write the 3-D view to this HTML file. Default: beside the picture.",
     )
     parser.add_argument(
@@ -107,7 +111,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="Keep the largest object that stands on the table in the cloud.",
     )
-    parser.add_argument("--voxel", type=_length, default=0.003, help="Voxel size, in metres.")
+    parser.add_argument("--voxel", type=factor, default=0.003, help="Voxel size, in metres.")
     view = parser.add_mutually_exclusive_group()
     view.add_argument(
         "--viewpoint",
@@ -127,7 +131,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--mass",
-        type=_mass,
+        type=factor,
         help="Mass of the object, in kilograms. Default: estimated from its volume.",
     )
     parser.add_argument(
@@ -140,22 +144,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=int, default=0, help="Random seed of the samplers antipodal and diffusion."
     )
-
-
-def _length(text: str) -> float:
-    """Reads a length [m] from the command line."""
-    length = float(text)
-    if not length > 0.0:
-        raise argparse.ArgumentTypeError(f"{text}: give a length in metres")
-    return length
-
-
-def _mass(text: str) -> float:
-    """Reads a mass [kg] from the command line."""
-    mass = float(text)
-    if not 0.0 < mass < np.inf:
-        raise argparse.ArgumentTypeError(f"{text}: give a mass in kilograms")
-    return mass
 
 
 def print_table(name: str, perception: Perception) -> None:
@@ -201,7 +189,6 @@ def _check_options(args: argparse.Namespace) -> None:
         raise FeasigraspError("--on-table needs to see the table, which a mask leaves out")
     if args.seed < 0:
         raise FeasigraspError(f"--seed {args.seed}: give a number from 0 on")
-    check_suffix("--grasps", args.grasps)
 
 
 def main(args: argparse.Namespace) -> int:

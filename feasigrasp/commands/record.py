@@ -14,12 +14,15 @@ recording (``pip install mcap-ros2-support``).
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from math import inf
 from pathlib import Path
 
 from tqdm import tqdm
 
-from feasigrasp.errors import HardwareError
+from feasigrasp.errors import FeasigraspError, HardwareError
+from feasigrasp.recordings.camera_file import CameraInfo
 from feasigrasp.recordings.recorder import (
     DepthCamera,
     DepthFrame,
@@ -62,11 +65,34 @@ def _size(text: str) -> tuple[int, int]:
     return positive(width), positive(height)
 
 
-def camera_named(name: str) -> DepthCamera:
-    """The camera of ``--camera``."""
+def _named(name: str) -> DepthCamera:
     if name.endswith(".mcap"):
         return lambda width, height, rate: rosbag(Path(name))
     return realsense if name == "realsense" else load_named(f"--camera {name!r}", name)
+
+
+@contextmanager
+def opened(args: argparse.Namespace) -> Iterator[tuple[CameraInfo, Iterator[DepthFrame]]]:
+    """Starts the camera of the command line.
+
+    Raises:
+        HardwareError: It is no `feasigrasp.recordings.recorder.DepthCamera`.
+    """
+    width, height = args.size
+    with ExitStack() as stack:
+        try:
+            info, images = stack.enter_context(_named(args.camera)(width, height, args.rate))
+            if not isinstance(info, CameraInfo):
+                raise TypeError(f"{info!r} is no CameraInfo")
+            images = iter(images)
+        except FeasigraspError:
+            raise
+        except (TypeError, ValueError) as error:
+            raise HardwareError(
+                f"--camera {args.camera}: {error}; name what is called and entered as "
+                "feasigrasp.recordings.recorder.realsense is, and gives what that gives"
+            ) from error
+        yield info, images
 
 
 def main(args: argparse.Namespace) -> int:
@@ -74,10 +100,8 @@ def main(args: argparse.Namespace) -> int:
     check_new_recording(args.out)
     first: DepthFrame | None = None
     count, broken = 0, None
-    width, height = args.size
-    start = camera_named(args.camera)
-    with start(width, height, args.rate) as (camera, images), postponed_interrupt() as asked:
-        written = recorded(args.out, camera, images)
+    with opened(args) as (info, images), postponed_interrupt() as asked:
+        written = recorded(args.out, info, images)
         try:
             for frame in tqdm(written, total=args.frames, unit="image", desc="recording"):
                 first, count = first or frame, count + 1

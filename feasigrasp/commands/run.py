@@ -26,7 +26,7 @@ from feasigrasp.runs.console import StatusLine, summary
 from feasigrasp.runs.hardware.control import run_hardware
 from feasigrasp.runs.live import LiveView
 from feasigrasp.runs.replay import quiet_meshcat
-from feasigrasp.runs.results.arguments import print_notes, share
+from feasigrasp.runs.results.arguments import output, print_notes, share
 from feasigrasp.runs.results.interrupts import STATUS
 from feasigrasp.runs.run import INTERRUPTED, run
 from feasigrasp.scenario.files import load_scenario, only_scenario
@@ -66,7 +66,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds all arguments but the name of the scenario."""
     add_scenario_options(parser)
     parser.add_argument(
-        "--replay", type=Path, metavar="FILE.html", help="Write a replay to this page."
+        "--replay",
+        type=output(".html", ""),
+        metavar="FILE.html",
+        help="Write a replay to this page.",
     )
     parser.add_argument(
         "--live",
@@ -79,11 +82,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="Simulate the arm in this mode too, and show it translucent in the replay.",
     )
     parser.add_argument(
-        "--results", type=Path, metavar="FILE.json", help="Write the record of the run here."
+        "--results", type=output(".json", ""), metavar="FILE.json", help="Write the run's record."
     )
     parser.add_argument(
         "--log",
-        type=Path,
+        type=output(".npz", ""),
         metavar="FILE.npz",
         help="Write joints, commands, poses and the chosen grasp here, at every tick of the "
         "control; see docs/results_schema.md.",
@@ -130,7 +133,7 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenario-text", metavar="YAML", help="YAML applied on top of the scenario."
     )
-    spaces, modes = [*map(str, controller_names())], mode_names()
+    spaces, modes = controller_names(), mode_names()
     parser.add_argument("--controller", choices=spaces, help=f"Controller. {_OF_SCENARIO}")
     parser.add_argument(
         "--mode",

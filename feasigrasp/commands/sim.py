@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
-from pathlib import Path
 
 from feasigrasp.commands.run import (
     add_lcm_option,
@@ -23,7 +22,7 @@ from feasigrasp.commands.run import (
 from feasigrasp.outputs import check_outputs
 from feasigrasp.runs.console import StatusLine
 from feasigrasp.runs.hardware.cell import simulate_cell
-from feasigrasp.runs.results.arguments import factor, print_notes
+from feasigrasp.runs.results.arguments import factor, output, print_notes
 from feasigrasp.runs.results.interrupts import STATUS
 from feasigrasp.runs.run import INTERRUPTED
 from feasigrasp.scenario.sampling import load_scenario_object
@@ -35,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scenario_options(parser)
     add_speed_option(parser)
     parser.add_argument(
-        "--results", type=Path, metavar="FILE.json", help="Write the record of the run here."
+        "--results", type=output(".json", ""), metavar="FILE.json", help="Write the run's record."
     )
     parser.add_argument(
         "--rate",

@@ -29,7 +29,9 @@ from feasigrasp.models.segmentation.tabletop import check_no_table
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.outputs import check_outputs, replacing
 from feasigrasp.recordings.folder import DepthFolder, read_depth_folder
+from feasigrasp.recordings.images import check_box
 from feasigrasp.recordings.unaided import UnaidedTracker
+from feasigrasp.runs.results.arguments import factor, output, positive
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,12 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--poses",
-        type=Path,
+        type=output(),
         help="Write the poses to this text file. Default: out/track/<folder>.txt.",
     )
     parser.add_argument(
         "--shape",
-        type=Path,
+        type=output(".ply"),
         help="Write the shape to this cloud (.ply). Default: beside the poses.",
     )
     parser.add_argument(
@@ -60,19 +62,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="Box about the object in the first image, in pixels. Default: the nearest thing.",
     )
     parser.add_argument(
-        "--label", type=int, help="The object's value in masks that show several, or its number."
+        "--label", type=positive, help="The object's value in masks of several, or its number."
     )
     parser.add_argument(
-        "--rate", type=_rate, default=30.0, help="Images per second, for a folder without times."
+        "--rate", type=factor, default=30.0, help="Images per second, for a folder without times."
     )
-
-
-def _rate(text: str) -> float:
-    """Reads a rate from the command line."""
-    rate = float(text)
-    if not 0.0 < rate < np.inf:
-        raise argparse.ArgumentTypeError(f"{text}: give images per second")
-    return rate
 
 
 def check_size(points: Array, gpdf: Gpdf) -> None:
@@ -160,13 +154,14 @@ def main(args: argparse.Namespace) -> int:
     recording = read_depth_folder(args.folder, args.rate, args.label)
     for note in recording.notes:
         print(f"note: {note}", file=sys.stderr)
+    check_box(args.box, recording.file_shape)
     box = None if args.box is None else np.array(args.box) / recording.decimation
     tracker, poses = followed(recording, UnaidedTracker(recording.camera, args.on_table, box))
     tracked, shape = np.isfinite(poses).all(axis=(1, 2)), tracker.tracker.shape
     if not tracked.any() or shape.gpdf is None:
         raise PointCloudError(
             f"no object was found in the {len(poses)} images of {args.folder}; give a --box about "
-            "it, --on-table if it stands on one and is higher than 1 cm, or masks"
+            "it, --on-table if it stands on one and is higher than 1 cm, masks, or another --label"
         )
     with replacing(poses_file) as file:
         np.savetxt(

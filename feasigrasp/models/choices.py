@@ -60,7 +60,7 @@ class ControlSpace(StrEnum):
 
 def controller_names() -> list[str]:
     """Valid values of ``control.controller``, plugins included."""
-    return [*ControlSpace, *plugins("controllers")]
+    return [*map(str, ControlSpace), *plugins("controllers")]
 
 
 def mode_names() -> list[str]:

@@ -86,7 +86,7 @@ class DepthFolder(Frozen):
             InputError: It cannot be read, or has another size than the first.
         """
         depth = read_depth(self.files[k], self.unit)
-        check_size(self.files[k], depth.shape, self._size)
+        check_size(self.files[k], depth.shape, self.file_shape)
         return decimated(depth, self.decimation)
 
     @checked(InputError)
@@ -97,7 +97,7 @@ class DepthFolder(Frozen):
             InputError: It cannot be read, or has another size than the depth.
         """
         file = self.masks.get(self.files[k].stem)
-        mask = None if file is None else read_mask(file, self._size, self.label)
+        mask = None if file is None else read_mask(file, self.file_shape, self.label)
         return None if mask is None else picked(mask, self.decimation)
 
     @checked(InputError)
@@ -108,10 +108,11 @@ class DepthFolder(Frozen):
             InputError: It cannot be read, or has another size than the depth.
         """
         file = self.colors.get(self.files[k].stem)
-        return None if file is None else read_color(file, self._size, self.decimation)
+        return None if file is None else read_color(file, self.file_shape, self.decimation)
 
     @property
-    def _size(self) -> tuple[int, int]:
+    def file_shape(self) -> tuple[int, int]:
+        """Height and width of the files [px]."""
         return self.size or (self.camera.height, self.camera.width)
 
 
@@ -178,6 +179,8 @@ def _masks(
     folder = next((root / name for name in names if any(_pictures(root / name))), None)
     if folder is None:
         only = root / "mask.png"
+        if label is not None and not only.is_file():
+            raise InputError(f"--label {label}: {root} has no masks; leave it out")
         return ({files[0].stem: only} if only.is_file() else {}), label, ()
     found = {file.stem: file for file in _pictures(folder)}
     stems = {file.stem for file in files}

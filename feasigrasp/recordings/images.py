@@ -75,13 +75,22 @@ def captured_points(
     of_image = info.camera(width, height)
     seen: Mask = np.asarray(image > 0.0)
     given = next((arrays[name] for name in ("segmap", "mask") if name in arrays), None)
+    pixels = given if mask is None else _pixels(Path(mask))
     chosen = np.ones_like(seen)
-    if mask is not None:
-        chosen = read_mask(mask, (height, width), label)
-    elif given is not None:
-        chosen = mask_of(given, (height, width), label, depth)
+    if pixels is not None:
+        chosen = mask_of(pixels, image.shape, label, mask or depth)
+        if not chosen.any():
+            shown = ", ".join(map(str, np.unique(pixels)[:8].tolist()))
+            other = "--mask" if label is None else "--label"
+            raise InputError(f"{mask or depth} shows {shown} and no object; give another {other}")
+    elif label is not None:
+        raise InputError(f"--label {label} is a value in a mask; give --mask, or leave it out")
     if box is not None:
-        chosen &= _box(box, height, width)
+        check_box(box, image.shape)
+        left, top, right, bottom = box
+        within: Mask = np.zeros_like(seen)
+        within[top : bottom + 1, left : right + 1] = True
+        chosen &= within
     if not (seen & chosen).any():
         raise PointCloudError(
             f"{depth} has no depth at any of the {np.count_nonzero(chosen)} pixels of the object; "
@@ -93,16 +102,20 @@ def captured_points(
     return np.asarray(points[:, kept].T)
 
 
-def _box(box: Sequence[int], height: int, width: int) -> Mask:
-    left, top, right, bottom = box
-    if not (0 <= left < right < width and 0 <= top < bottom < height):
+def check_box(box: Sequence[int] | None, shape: tuple[int, ...]) -> None:
+    """Refuses a box (first column and row, last ones) that is not in an image (height, width).
+
+    Raises:
+        CameraError: It is not; None is no box.
+    """
+    if box is None:
+        return
+    (left, top, right, bottom), (height, width) = box, shape
+    if not (0 <= left <= right < width and 0 <= top <= bottom < height):
         raise CameraError(
-            f"box {left} {top} {right} {bottom}: give left < right, top < bottom in an image of "
-            f"{width} x {height} pixels"
+            f"--box {left} {top} {right} {bottom}: give LEFT <= RIGHT < {width} and "
+            f"TOP <= BOTTOM < {height}, from 0 on"
         )
-    inside = np.zeros((height, width), dtype=bool)
-    inside[top : bottom + 1, left : right + 1] = True
-    return inside
 
 
 #: Ends of the names of depth images.

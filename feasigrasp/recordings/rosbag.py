@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import itertools
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from feasigrasp.errors import CameraError, HardwareError, InputError
+from feasigrasp.errors import CameraError, FeasigraspError, HardwareError, InputError
 from feasigrasp.recordings.camera_file import CameraInfo
 from feasigrasp.recordings.recorder import DepthFrame
 
@@ -50,15 +50,15 @@ def rosbag(file: Path) -> Iterator[tuple[CameraInfo, Iterator[DepthFrame]]]:
         CameraError: The depth image is distorted.
     """
     try:
-        from mcap.exceptions import McapError
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
     except ImportError as error:
         raise HardwareError(
             f"{file} is read by mcap-ros2-support ({error}); pip install mcap-ros2-support"
         ) from error
-    try:
-        with file.open("rb") as opened:
+    with ExitStack() as stack:
+        with _readable(file):
+            opened = stack.enter_context(file.open("rb"))
             reader = make_reader(opened, decoder_factories=[DecoderFactory()])
             summary = reader.get_summary()
             if summary is None or summary.statistics is None:
@@ -77,9 +77,23 @@ def rosbag(file: Path) -> Iterator[tuple[CameraInfo, Iterator[DepthFrame]]]:
             if first is None:
                 raise InputError(f"{file} has no {info}, the intrinsics of {depth}; record it too")
             messages = reader.iter_decoded_messages([depth, *([color] if color else [])])
-            yield _camera(first[3], info), _frames(depth, messages)
-    except (OSError, McapError) as error:
-        raise InputError(f"{file} cannot be read as MCAP ({error})") from error
+            camera = _camera(first[3], info)
+        yield camera, _named(file, _frames(depth, messages))
+
+
+@contextmanager
+def _readable(file: Path) -> Iterator[None]:
+    try:
+        yield
+    except FeasigraspError:
+        raise
+    except Exception as error:  # the readers raise whatever they stumble over
+        raise InputError(f"{file} cannot be read as MCAP ({error!r}); record it anew") from error
+
+
+def _named(file: Path, frames: Iterator[DepthFrame]) -> Iterator[DepthFrame]:
+    with _readable(file):
+        yield from frames
 
 
 def _chosen(topics: list[str]) -> str | None:

@@ -5,6 +5,7 @@ import os
 import pty
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from feasigrasp.commands import run
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.resources import diagram_path
+from feasigrasp.runs.results.arguments import output
 from feasigrasp.scenario.files import dump_scenario, load_scenario, scenario_names
 
 FILE = diagram_path("dynamic.scenarios.yaml")
@@ -166,7 +168,39 @@ def test_perceive_refuses_what_is_not_there(argv, status, says, capsys):
     assert says in capsys.readouterr().err
 
 
-def test_perceive_wants_a_voxel(capsys):
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [
+        ("perceive --sample --voxel 0", "--voxel: 0: give a finite number above zero"),
+        ("perceive --sample --mass inf", "--mass: inf: give a finite number above zero"),
+        ("perceive --sample --label 0", "--label: 0 is less than 1"),
+        (
+            "perceive --sample --sampler foo",
+            "--sampler: invalid choice: 'foo' (choose from 'network', 'antipodal'",
+        ),
+        ("perceive --sample --grasps g.txt", "--grasps: g.txt: end it in .json or .npz or .npy"),
+        ("perceive --sample --grasps g", "--grasps: g: end it in .json"),
+        ("perceive --sample --picture x.txt", "--picture: x.txt: end it in .eps"),
+        ("perceive --sample --picture .", "--picture: '.' names no file"),
+        ("perceive --sample --html x.txt", "--html: x.txt: end it in .html"),
+        ("track --folder a --poses=", "--poses: '' names no file"),
+        ("track --folder a --poses /", "--poses: '/' names no file"),
+        ("track --folder a --shape s.pcd", "--shape: s.pcd: end it in .ply"),
+        ("track --folder=", "--folder: '' names no file or folder"),
+        ("record --out=", "--out: '' names no file or folder"),
+        ("run --replay r.gif", "--replay: r.gif: end it in .html"),
+        ("run --results r.csv", "--results: r.csv: end it in .json"),
+        ("run --log l.npy", "--log: l.npy: end it in .npz"),
+        ("sim --results r.csv", "--results: r.csv: end it in .json"),
+        ("feasible --grasps g.npz --verdicts v.csv", "--verdicts: v.csv: end it in .json"),
+    ],
+)
+def test_what_no_option_can_be_is_refused_before_any_work(argv, says, capsys):
     with pytest.raises(SystemExit):
-        cli.main(["perceive", "--cloud", "a.ply", "--voxel", "0"])
-    assert "--voxel: 0: give a length in metres" in capsys.readouterr().err
+        cli.main(argv.split())
+    assert f": error: argument {says}" in capsys.readouterr().err
+
+
+def test_an_output_without_a_suffix_is_of_the_only_format():
+    assert output(".html", "")("/dev/stdout") == Path("/dev/stdout")
+    assert output(".html", "")("A.HTML") == Path("A.HTML")

@@ -189,7 +189,9 @@ def _corners(X, X_first, k):
         ("none", BOX, "has no such class"),
         ("blind", BOX, "gave no image"),
         ("mine", ["--box", "2", "2", "30", "30"], "--box: "),
+        ("mine", ["--box", "2", "2", "999", "30"], "--box 2 2 999 30: give"),
         ("mine", [*BOX, "--record", "{here}"], "holds depth images already"),
+        ("mine", [*BOX, "--record", "/proc/a"], "--record: nothing can be written to /proc/a"),
     ],
 )
 def test_what_is_wrong_is_one_line(name, options, says, tmp_path, capsys):

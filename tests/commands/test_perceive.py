@@ -14,6 +14,8 @@ from feasigrasp.recordings import read_depth_folder
 from feasigrasp.resources import model_path
 from feasigrasp_lab.training.data.raycasting import Raycaster
 
+DEPTH = str(model_path("capture", "depth", "mug.png"))
+
 
 @pytest.fixture(autouse=True)
 def no_pictures(monkeypatch):
@@ -136,14 +138,20 @@ def test_without_a_grasp_the_lists_are_empty(tmp_path, capsys):
         (["--cloud", "a.ply", "--intrinsics", "1,2,3,4"], "--intrinsics goes with --depth only"),
         (["--cloud", "a.ply", "--box", "1", "2", "3", "4"], "--box goes with --depth only"),
         (["--sample", "--on-table"], "--on-table needs to see the table"),
-        (["--sample", "--grasps", "g.txt"], "--grasps g.txt: end it in .json"),
         (["--depth", "a.png"], "no camera.json beside a.png"),
         (["--depth", "a.png", "--intrinsics", "1,2,3"], "give camera.json, or the numbers"),
         (["--depth", "a.png", "--intrinsics", "9,9,4,4"], "there is no file a.png"),
+        (["--sample", "--label", "9"], "mask/mug.png shows 0, 255 and no object; give another"),
+        (["--depth", DEPTH], "cut that out with --on-table or --crop, in a depth image also with"),
+        (["--depth", DEPTH, "--label", "9"], "--label 9 is a value in a mask; give --mask"),
+        (["--depth", DEPTH, "--box", "5", "5", "1", "1"], "LEFT <= RIGHT < 424 and TOP <= BOTTOM"),
+        (["--sample", "--voxel", "3"], "voxels of 3 m leave 0 of"),
+        (["--cloud", "nan.npy"], "nan.npy: all points are zero or not finite"),
     ],
 )
 def test_options_that_do_not_fit_are_named(options, says, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    np.save("nan.npy", np.full((9, 3), np.nan))
     assert cli.main(["perceive", *options]) == 2
     error = capsys.readouterr().err
     assert error.startswith("error: ") and error.count("\n") == 1 and says in error

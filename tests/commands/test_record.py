@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import sys
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from PIL import Image
 
 from feasigrasp import cli
 from feasigrasp.models.clouds.camera import unproject
-from feasigrasp.recordings import captured_points, read_depth_folder
+from feasigrasp.recordings import CameraInfo, captured_points, read_depth_folder
 from feasigrasp.recordings.images import camera_file_of
 from feasigrasp.recordings.recorder import _SETTLING
 from feasigrasp.resources import model_path
@@ -148,6 +149,42 @@ def test_a_recording_is_not_written_over(tmp_path, capsys):
     assert record(tmp_path, "--frames", "2") == 2
     assert "holds depth images already; give another folder" in capsys.readouterr().err
     assert before == {file: file.read_bytes() for file in tmp_path.rglob("*.png")}
+
+
+@contextmanager
+def nameless(width, height, rate):
+    """A camera that says nothing of itself."""
+    yield "camera", []
+
+
+@contextmanager
+def still(width, height, rate):
+    """A camera without images."""
+    yield CameraInfo((40.0, 40.0, 20.0, 15.0)), None
+
+
+@contextmanager
+def alone(width, height, rate):
+    """No pair."""
+    yield CameraInfo((40.0, 40.0, 20.0, 15.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("os:getcwd", "getcwd() takes no arguments"),
+        ("builtins:range", "context manager"),
+        (f"{__name__}:nameless", "'camera' is no CameraInfo"),
+        (f"{__name__}:still", "not iterable"),
+        (f"{__name__}:alone", "unpack"),
+    ],
+)
+@pytest.mark.parametrize("command", [["record", "--out", "a"], ["live"]])
+def test_what_is_no_camera_is_named(command, name, says, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main([*command, "--camera", name]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: --camera {name}: ") and says in error
 
 
 @pytest.mark.parametrize("size", ["640", "640x", "x480", "0x0", "640x480x3", "a"])

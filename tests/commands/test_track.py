@@ -143,6 +143,21 @@ def test_what_is_wrong_with_a_folder_is_said(recording, tmp_path, spoil, said):
         read_depth_folder(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--box", "90", "20", "50", "60"], "--box 90 20 50 60: give LEFT <= RIGHT < "),
+        (["--box", "0", "0", "9", "9999"], f"TOP <= BOTTOM < {HEIGHT}, from 0 on"),
+        (["--box", "-1", "0", "9", "9"], "--box -1 0 9 9: give"),
+        (["--label", "3"], "has no masks; leave it out"),
+    ],
+)
+def test_what_does_not_fit_the_images_is_refused(recording, tmp_path, options, says, capsys):
+    argv = ["track", "--folder", str(recording), "--poses", str(tmp_path / "p.txt")]
+    assert cli.main([*argv, *options]) == 2
+    assert says in capsys.readouterr().err and not (tmp_path / "p.txt").exists()
+
+
 def test_an_empty_folder_is_refused_in_one_line(tmp_path, capsys):
     assert cli.main(["track", "--folder", str(tmp_path)]) == 2
     assert "there are no depth images" in capsys.readouterr().err

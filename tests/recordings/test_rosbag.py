@@ -3,14 +3,17 @@
 import io
 import struct
 import sys
+from contextlib import suppress
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from mcap_ros2.writer import Writer
 from PIL import Image
 
 from feasigrasp import cli
-from feasigrasp.errors import CameraError, HardwareError, InputError
+from feasigrasp.errors import CameraError, HardwareError, InputError, OutputError
 from feasigrasp.recordings import read_depth_folder
 from feasigrasp.recordings.rosbag import rosbag
 
@@ -174,6 +177,24 @@ def test_a_broken_image_and_a_recording_that_was_cut_off_are_named(tmp_path):
     (tmp_path / "c.mcap").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"c\.mcap (was cut off|cannot be read)"):
         read(tmp_path / "c.mcap")
+
+
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_any_damage_of_a_recording_is_refused_or_read(tmp_path, data):
+    messages = [(INFO, info()), *((DEPTH, raw(d, "16UC1", 10.0)) for d in DEPTHS)]
+    content = bytearray(written(tmp_path / "a.mcap", *messages).read_bytes())
+    for at in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1, max_size=8)):
+        content[at] = data.draw(st.integers(0, 255))
+    (tmp_path / "a.mcap").write_bytes(content)
+    with suppress(InputError, CameraError):
+        read(tmp_path / "a.mcap")
+
+
+def test_an_error_of_whoever_takes_the_images_is_not_the_recordings(tmp_path):
+    bag = written(tmp_path / "a.mcap", (INFO, info()), (DEPTH, raw(DEPTHS[0], "16UC1", 10.0)))
+    with pytest.raises(OutputError, match="full"), rosbag(bag):
+        raise OutputError("the disk is full")
 
 
 def test_a_camera_without_images_is_named(tmp_path, monkeypatch, capsys):

@@ -77,7 +77,10 @@ def read_cloud(filename: str | Path) -> Array:
             "give numbers of shape (n, 3)"
         )
     points = points[..., :3].reshape(-1, 3).astype(float)
-    points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
+    kept = np.isfinite(points).all(axis=1) & points.any(axis=1)
+    if not kept.any():
+        raise PointCloudError(f"{path.name}: all points are zero or not finite; record it anew")
+    points = points[kept]
     return points[np.sort(np.unique(points, axis=0, return_index=True)[1])]
 
 
@@ -231,7 +234,8 @@ def _check_extent(cloud: Array, most: float) -> None:
     if extent > most:
         raise PointCloudError(
             f"the cloud is {extent:.1f} m wide: it holds more than one object; cut that out with "
-            "--crop (or is it in centimetres: --scale 0.01)"
+            "--on-table or --crop, in a depth image also with --mask or --box (or is it a cloud in "
+            "centimetres: --scale 0.01)"
         )
     if extent < 0.005:
         raise PointCloudError(

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import GraspError, PointCloudError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.clouds.checks import checked_cloud, outliers, smeared
+from feasigrasp.models.clouds.checks import MIN_POINTS, checked_cloud, outliers, smeared
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.payload import PayloadModel, payload_filtered
@@ -101,13 +101,15 @@ def perceive(
     bad = np.zeros(len(points), dtype=bool) if view is None else smeared(points, view)
     bad[~bad] = outliers(points[~bad], view)
     points = checked_cloud(points[~bad])
-    if view is None:
-        # No camera, so no free space; the normals point away from the middle.
-        cloud = FusedCloud.empty(voxel_size).merged(points, np.zeros(3))
-        gpdf = fit_gpdf(cloud.points)
-    else:
-        cloud = FusedCloud.empty(voxel_size, smooth=True).merged(points, view)
-        gpdf = complete_shape(cloud, table=plane)
+    # Without a camera there is no free space; the normals point away from the middle.
+    cloud = FusedCloud.empty(voxel_size, smooth=view is not None)
+    cloud = cloud.merged(points, np.zeros(3) if view is None else view)
+    if len(cloud.points) < MIN_POINTS:
+        raise PointCloudError(
+            f"voxels of {voxel_size:g} m leave {len(cloud.points)} of {len(points)} points; give "
+            "smaller ones (--voxel), or a denser cloud"
+        )
+    gpdf = fit_gpdf(cloud.points) if view is None else complete_shape(cloud, table=plane)
     g = None if down is None else np.asarray(down)
     grasps = payload_filtered(PayloadModel(gripper, mass).with_loads(gpdf, sampler(gpdf)), g)
     return Perception(cloud, gpdf, grasps, gripper, view, int(bad.sum()), g)

@@ -44,7 +44,7 @@ class SamplerName(StrEnum):
 
 def sampler_names() -> list[str]:
     """The names that `make_sampler` takes."""
-    return [*SamplerName, *plugins("samplers")]
+    return [*map(str, SamplerName), *plugins("samplers")]
 
 
 class Proposer(Protocol):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
+from pathlib import Path
 
 from feasigrasp.models.objects.rigid_object import RigidObject
 
@@ -20,7 +22,7 @@ def factor(text: str) -> float:
     """Reads a number above zero from the command line."""
     number = float(text)
     if not 0.0 < number < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not above zero")
+        raise argparse.ArgumentTypeError(f"{text}: give a finite number above zero")
     return number
 
 
@@ -30,6 +32,20 @@ def share(text: str) -> float:
     if not 0.0 < number <= 1.0:
         raise argparse.ArgumentTypeError(f"{text} is not from 0 to 100%; give e.g. 20% or 0.2")
     return number
+
+
+def output(*ends: str) -> Callable[[str], Path]:
+    """Reads the name of a file to write: of any suffix, or of one of these ("" is none)."""
+
+    def file(text: str) -> Path:
+        named = Path(text)
+        if not named.name:
+            raise argparse.ArgumentTypeError(f"{text!r} names no file; give one")
+        if ends and named.suffix.lower() not in ends:
+            raise argparse.ArgumentTypeError(f"{text}: end it in {' or '.join(filter(None, ends))}")
+        return named
+
+    return file
 
 
 def print_notes(obj: RigidObject) -> None:

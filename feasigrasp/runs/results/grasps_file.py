@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from feasigrasp import __version__
-from feasigrasp.errors import InputError, OutputError
+from feasigrasp.errors import InputError
 from feasigrasp.inputs import read_arrays, read_json
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -27,16 +27,6 @@ CONVENTION = (
     "in which the hand approaches, y = z cross x; a width is the distance between the contacts; "
     "metres; best score first"
 )
-
-
-def check_suffix(option: str, file: Path | None) -> None:
-    """Refuses a file that is named as none of the formats.
-
-    Raises:
-        OutputError: It is.
-    """
-    if file is not None and file.suffix.lower() not in (".json", ".npz", ".npy"):
-        raise OutputError(f"{option} {file}: end it in .json, .npz or .npy (GraspNet)")
 
 
 def write_grasps(file: Path, grasps: GraspSet, frame: str, source: Path) -> None:
