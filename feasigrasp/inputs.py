@@ -83,7 +83,7 @@ def compose_yaml(text: str, error: type[FeasigraspError]) -> yaml.MappingNode:
     except (yaml.YAMLError, RecursionError, ValueError) as broken:
         raise error(f"not valid YAML: {' '.join(str(broken).split())}") from broken
     if not isinstance(root, yaml.MappingNode):
-        raise error("not a mapping; give keys with values, e.g. {random_seed: 1}")
+        raise error("not a mapping; give keys with values")
     _check_once(root, set(), error)
     return root
 
