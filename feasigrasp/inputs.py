@@ -1,4 +1,4 @@
-"""Reads npz and JSON files; a broken, truncated or foreign file is one kind of error."""
+"""Reads npz, JSON and YAML; a broken, truncated or foreign file is one kind of error."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
-from feasigrasp.errors import InputError
+from feasigrasp.errors import FeasigraspError, InputError
 
 
 def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
@@ -46,3 +47,74 @@ def read_json(path: str | Path) -> Any:
 
 def _reported(error: Exception) -> str:
     return str(error).split("\n")[0] or type(error).__name__
+
+
+class _Loader(yaml.SafeLoader):
+    """Takes a word that is a number for one, such as 1e-3, which is none to YAML 1.1."""
+
+    def number_or_word(self, node: yaml.ScalarNode) -> float | str:
+        try:
+            return float(node.value)
+        except ValueError:
+            return str(node.value)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:str", _Loader.number_or_word)
+
+
+def read_yaml(text: str, error: type[FeasigraspError]) -> dict[str, Any]:
+    """The content of a YAML text whose root maps keys to values, each of them given once.
+
+    Raises:
+        FeasigraspError: Of the type ``error``: it is not YAML, or no such thing.
+    """
+    compose_yaml(text, error)
+    try:
+        content: dict[str, Any] = yaml.load(text, _Loader)
+    except (yaml.YAMLError, ValueError) as broken:
+        raise error(f"not valid YAML: {' '.join(str(broken).split())}") from broken
+    return content
+
+
+def compose_yaml(text: str, error: type[FeasigraspError]) -> yaml.MappingNode:
+    """The tree of a YAML text as `read_yaml` takes it."""
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except (yaml.YAMLError, RecursionError, ValueError) as broken:
+        raise error(f"not valid YAML: {' '.join(str(broken).split())}") from broken
+    if not isinstance(root, yaml.MappingNode):
+        raise error("not a mapping; give keys with values")
+    _check_once(root, set(), error)
+    return root
+
+
+def _check_once(node: yaml.Node, seen: set[int], error: type[FeasigraspError]) -> None:
+    """Refuses keys that are given twice in one mapping, and merged lists of mappings.
+
+    Of a key that several of a list give, PyYAML takes the first one's value until 6.0.3, as YAML
+    says, and from then on the last one's.
+    """
+    if id(node) in seen or isinstance(node, yaml.ScalarNode):
+        return
+    seen.add(id(node))
+    if isinstance(node, yaml.SequenceNode):
+        for value in node.value:
+            _check_once(value, seen, error)
+        return
+    lines: dict[str, int] = {}
+    for key, value in node.value:
+        line = key.start_mark.line + 1
+        if not isinstance(key, yaml.ScalarNode):
+            raise error(f"a key in line {line} is no word; give a name")
+        if key.value in lines:
+            raise error(
+                f"the key {key.value!r} is given twice, in line {lines[key.value]} and in line "
+                f"{line}; leave one"
+            )
+        lines[key.value] = line
+        if key.tag == "tag:yaml.org,2002:merge" and isinstance(value, yaml.SequenceNode):
+            raise error(
+                f"line {line} merges a list; which of it wins depends on the release of PyYAML. "
+                "Merge one mapping, and let that one merge the next"
+            )
+        _check_once(value, seen, error)

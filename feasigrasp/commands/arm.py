@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from pathlib import Path
 from typing import Any
 
@@ -49,16 +48,12 @@ def main(args: argparse.Namespace) -> int:
     if args.file.resolve() == args.urdf.resolve():
         raise ArgumentError(f"--out {args.file} is the URDF itself; name another file")
     name = args.name or args.file.stem
-    if not re.fullmatch("[A-Za-z]\\w*", name, re.ASCII):
-        raise ArgumentError(f"the arm's name is {name!r}; give --name of letters, digits and _")
     given = {"name": name, **describe_urdf(args.urdf, args.flange)}
     warnings = [f"rotor inertias are guessed: {_ROTOR_INERTIA} kg m^2"]
     joints = given["joints"]
     if args.acceleration:
         if (n := len(args.acceleration)) != len(joints):
             raise ArgumentError(f"--acceleration has {n} values, the arm {len(joints)} joints")
-        if min(args.acceleration) <= 0.0:
-            raise ArgumentError(f"--acceleration {args.acceleration}: give positive limits")
         for joint, limit in zip(joints, args.acceleration, strict=True):
             joint["acceleration"] = limit
     else:

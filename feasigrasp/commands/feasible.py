@@ -23,6 +23,7 @@ from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.grasps.samplers import SamplerName
+from feasigrasp.models.quantities import POSE, Call, Refusal
 from feasigrasp.models.reach import Reachability, Situation, Verdict, feasible_poses
 from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.gripper_file import GRIPPERS, PACKAGED, load_gripper
@@ -83,10 +84,9 @@ def _pose(file: Path | None) -> Array:
     if file is None:
         return np.eye(4)
     try:
-        X = np.loadtxt(file).reshape(4, 4)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file}: {error}; give 4 x 4 numbers") from error
-    return X
+        return POSE.check(np.loadtxt(file).reshape(4, 4), Call())
+    except (OSError, ValueError, Refusal) as error:
+        raise InputError(f"--camera-pose {file}: {error}; give 4 x 4 numbers") from error
 
 
 def main(args: argparse.Namespace) -> int:
@@ -94,6 +94,17 @@ def main(args: argparse.Namespace) -> int:
     check_outputs({"--verdicts": args.verdicts}, {"--grasps": args.grasps, "--cloud": args.cloud})
     if args.on_table and args.cloud is None:
         raise InputError("--on-table needs the cloud that shows the table; give --cloud")
+    arm = load_arm(args.arm)
+    bent = [0.0, 30.0, 0.0, -90.0, 0.0, 60.0, 0.0] if arm is IIWA_7 else np.rad2deg(arm.home)
+    q = np.deg2rad(args.q or bent)
+    if len(q) != arm.joints or not np.abs(q).max() <= 4.0 * np.pi:
+        given = " ".join(f"{angle:g}" for angle in args.q)
+        raise InputError(f"--q is {given}; give {arm.joints} angles in degrees, up to two turns")
+    V_WO = np.array([0.0, 0.0, 0.0, *args.velocity])
+    now = Situation(0.0, q, np.zeros(arm.joints), _pose(args.camera_pose), V_WO)
+    if not now.known:
+        raise InputError(f"--velocity is {args.velocity}; give three finite numbers, in m/s")
+    reachability = Reachability(load_gripper(args.gripper), arm=arm)
     X_CG, width = read_grasps(args.grasps)
     # From the Panda's flange to the middle of its pads [m] (data sheet: Franka).
     ahead = 0.1034 if args.convention == "panda" else 0.0
@@ -107,12 +118,6 @@ def main(args: argparse.Namespace) -> int:
             standing, table = tabletop(points)
             points = points[standing]
         gpdf = perceive(points, sampler=SamplerName.ANTIPODAL, table=table).gpdf
-    arm = load_arm(args.arm)
-    bent = [0.0, 30.0, 0.0, -90.0, 0.0, 60.0, 0.0] if arm is IIWA_7 else np.rad2deg(arm.home)
-    q = arm.positions(np.deg2rad(args.q or bent), 1)
-    V_WO = np.array([0.0, 0.0, 0.0, *args.velocity])
-    now = Situation(0.0, q, np.zeros(arm.joints), _pose(args.camera_pose), V_WO)
-    reachability = Reachability(load_gripper(args.gripper), arm=arm)
     found = feasible_poses(X_CG, now, reachability, gpdf=gpdf, width=width)
     counts = Counter(found.verdicts)
     print(f"{args.grasps.name}: {len(X_CG)} grasps, {counts[Verdict.REACHABLE]} feasible")

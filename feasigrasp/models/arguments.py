@@ -33,6 +33,7 @@ from typing import (
 import numpy as np
 
 from feasigrasp.errors import ArgumentError, FeasigraspError
+from feasigrasp.models.choices import nearest
 from feasigrasp.models.quantities import ArrayOf, Call, Number, Refusal, shown
 
 _P = ParamSpec("_P")
@@ -116,12 +117,16 @@ def _checks(thing: Any) -> dict[str, Check]:
 
 
 def check_of(hint: Any) -> Check | None:
-    """The check of an annotation; None without one."""
+    """The check of an annotation, of a list of one, or of some by key; None without one."""
     origin, parts = get_origin(hint), get_args(hint)
     if hint in (Any, object) or isinstance(hint, TypeVar) or origin is ClassVar:
         return None
     if (alias := getattr(origin or hint, "__value__", None)) is not None:
         return check_of(alias)  # of a ``type`` statement, as in NumPy from 2.5 on
+    if isinstance(hint, dict):
+        return _keys({key: check_of(each) for key, each in hint.items()})
+    if isinstance(hint, list):
+        return _container(list, [check_of(hint[0])])
     if hint in _SIMPLE:
         return _SIMPLE[hint]
     if origin is Annotated:
@@ -216,12 +221,31 @@ def _container(cls: type, checks: list[Check | None]) -> Check:
     return check
 
 
+def _keys(checks: dict[str, Check | None]) -> Check:
+    """A mapping with these keys, whose values pass."""
+
+    def check(value: Any, made: Call) -> Any:
+        if not isinstance(value, dict):
+            raise Refusal(f"is {shown(value)}; give {', '.join(checks)}")
+        for key in {**value, **checks}:
+            if key not in checks:
+                hint = nearest(key, checks)
+                raise Refusal(f"has {key}; it may have {', '.join(checks)}{hint}")
+            if key not in value:
+                raise Refusal(f"has no {key}; give it")
+            _of_part(checks[key], value[key], made, key)
+        return value
+
+    return check
+
+
 def _of_part(check: Check | None, item: Any, made: Call, place: Any) -> None:
     if check is not None:
         try:
             check(item, made)
         except Refusal as refusal:
-            raise Refusal(f"[{place!r}] {refusal}") from None
+            at = place if isinstance(place, str) else f"[{place!r}]"
+            raise Refusal(f"{at} {refusal}") from None
 
 
 _SIMPLE: dict[Any, Check] = {

@@ -12,6 +12,7 @@ import yaml
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
 from feasigrasp.errors import MeshError, ScenarioError
+from feasigrasp.inputs import compose_yaml
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.choices import SAFE, mode_names, nearest
 from feasigrasp.models.objects.rigid_object import builtin_objects, object_file
@@ -20,7 +21,7 @@ from feasigrasp.models.robot.gripper_file import GRIPPERS
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
-from feasigrasp.scenario.keys import check_keys, compose, find, move_keys, replace_former_keys
+from feasigrasp.scenario.keys import check_keys, find, move_keys, replace_former_keys
 from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.schema import Scenario
 
@@ -148,7 +149,7 @@ def load_scenario(
     what = f"scenario {name!r} in {filename}"
     stages: list[tuple[str, Scenario]] = []
     try:
-        changes = [compose(text) for text in overrides]
+        changes = [compose_yaml(text, ScenarioError) for text in overrides]
         node = copy.deepcopy(nodes[name])
         packaged = _taken_base(node, base)
         first = _load(node, _defaults([node, *changes], packaged or base or Scenario()))
@@ -214,7 +215,7 @@ def parse_scenario(text: str) -> Scenario:
         ScenarioError: Unknown key or value.
     """
     try:
-        root = compose(text)
+        root = compose_yaml(text, ScenarioError)
         scenario = _load(root, _defaults([root], Scenario()))
         check_scenario(scenario)
     except ScenarioError as error:
@@ -264,7 +265,7 @@ def _nodes(filename: str | Path) -> dict[str, yaml.Node]:
 @functools.lru_cache(maxsize=4)
 def _composed(text: str) -> dict[str, yaml.Node]:
     """What a text has under each name, read-only: the next call returns the same."""
-    return {key.value: value for key, value in compose(text).value}
+    return {key.value: value for key, value in compose_yaml(text, ScenarioError).value}
 
 
 def _defaults(nodes: Iterable[yaml.Node], base: Scenario) -> Scenario:

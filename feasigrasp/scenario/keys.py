@@ -66,22 +66,6 @@ def general(path: Iterable[str]) -> str:
     return ".".join(str(name) for name in names if name not in _DRAWN)
 
 
-def compose(text: str) -> yaml.MappingNode:
-    """The tree of a YAML text whose root maps keys to values, each of them given once.
-
-    Raises:
-        ScenarioError: It is not YAML, or no such thing.
-    """
-    try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise ScenarioError(f"not valid YAML: {error}") from error
-    if not isinstance(root, yaml.MappingNode):
-        raise ScenarioError("not a mapping; give keys with values, e.g. {random_seed: 1}")
-    _check_once(root, set())
-    return root
-
-
 def find(root: yaml.Node, *path: str) -> yaml.Node | None:
     """The node that keys of a tree lead to, merged ones as well; None if it gives none."""
     if not path:
@@ -161,7 +145,7 @@ def check_keys(node: yaml.Node, kind: typing.Any, path: tuple[str, ...] = ()) ->
     """Checks that a tree has keys of the schema only, with values of the kinds that it asks for.
 
     Args:
-        node: Tree of `compose`, or a part of it.
+        node: Tree of `feasigrasp.inputs.compose_yaml`, or a part of it.
         kind: The dataclass, or the type of the part.
         path: Names that lead to the part.
 
@@ -278,35 +262,3 @@ def _text(node: yaml.Node) -> str:
     if isinstance(node, yaml.ScalarNode):
         return node.value or "empty"
     return "a list" if isinstance(node, yaml.SequenceNode) else "a mapping"
-
-
-def _check_once(node: yaml.Node, seen: set[int]) -> None:
-    """Refuses keys that are given twice in one mapping, and merged lists of mappings.
-
-    Of a key that several of a list give, PyYAML takes the first one's value until 6.0.3, as YAML
-    says, and from then on the last one's.
-    """
-    if id(node) in seen or isinstance(node, yaml.ScalarNode):
-        return
-    seen.add(id(node))
-    if isinstance(node, yaml.SequenceNode):
-        for value in node.value:
-            _check_once(value, seen)
-        return
-    lines: dict[str, int] = {}
-    for key, value in node.value:
-        line = key.start_mark.line + 1
-        if not isinstance(key, yaml.ScalarNode):
-            raise ScenarioError(f"a key in line {line} is no word; give a name")
-        if key.value in lines:
-            raise ScenarioError(
-                f"the key {key.value!r} is given twice, in line {lines[key.value]} and in line "
-                f"{line}; leave one"
-            )
-        lines[key.value] = line
-        if key.tag == f"{_TAG}merge" and isinstance(value, yaml.SequenceNode):
-            raise ScenarioError(
-                f"line {line} merges a list; which of it wins depends on the release of PyYAML. "
-                "Merge one mapping, and let that one merge the next"
-            )
-        _check_once(value, seen)

@@ -167,9 +167,10 @@ def test_no_file_is_lost_and_what_cannot_be_written_is_said_first(tmp_path, caps
     command = ["arm", str(urdf), "--flange", "panda_link_7", "--out"]
     for more, words in (
         ([str(urdf)], "is the URDF itself"),
-        ([str(tmp_path / "my arm.yaml")], "give --name of letters"),
-        ([str(tmp_path / "a.yaml"), "--name", "a/b"], "give --name of letters"),
-        ([str(tmp_path / "a.yaml"), "--acceleration", *"1111110"], "give positive limits"),
+        ([str(tmp_path / "my arm.yaml")], "give letters"),
+        ([str(tmp_path / "a.yaml"), "--name", "a/b"], "give letters"),
+        ([str(tmp_path / "a.yaml"), "--acceleration", *"1111110"], "[6] acceleration = 0.0; give"),
+        ([str(tmp_path / "a.yaml"), "--acceleration", "nan", *"111111"], "[0] acceleration = nan"),
     ):
         assert cli.main([*command, *more]) == 2
         assert words in capsys.readouterr().err

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from feasigrasp.errors import ArgumentError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.quantities import JOINTS, POSE, ArrayOf, Positive, Whole
+from feasigrasp.models.quantities import CONFIGURATION, JOINTS, POSE, ArrayOf, Positive, Whole
 
 #: Columns of a joint's row in `Arm.chain`: its axis (0 x, 1 y, 2 z, 3 another) and the sign of it,
 #: the way from the link before (3), its limits, the acceleration that may be commanded, the margin
@@ -90,6 +90,7 @@ class Capsule(NamedTuple):
 
 
 _VECTOR, _VECTORS = ArrayOf(("n",)), ArrayOf(("n", 3))
+_ANGLES = ArrayOf(("n",), "rad", most=CONFIGURATION.most)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +130,8 @@ class Arm(Frozen):
     points: Annotated[Array, _VECTORS]
     axes: Annotated[Array, _VECTORS]
     X_WF: Annotated[Array, POSE]
-    lower: Annotated[Array, _VECTOR]
-    upper: Annotated[Array, _VECTOR]
+    lower: Annotated[Array, _ANGLES]
+    upper: Annotated[Array, _ANGLES]
     velocity_limits: Annotated[Array, _VECTOR]
     acceleration_limits: Annotated[Array, _VECTOR]
     effort_limits: Annotated[Array, _VECTOR]
@@ -144,7 +145,7 @@ class Arm(Frozen):
     rotor_inertias: Annotated[Array, _VECTOR]
     kp: Annotated[Array, _VECTOR]
     kd: Annotated[Array, _VECTOR]
-    home: Annotated[Array, _VECTOR]
+    home: Annotated[Array, _ANGLES]
     chain: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -157,12 +158,14 @@ class Arm(Frozen):
         arrays = {k: np.array(v) for k, v in vars(self).items() if isinstance(v, np.ndarray)}
         if not np.allclose(np.linalg.norm(self.axes, axis=1), 1.0, rtol=0.0, atol=1e-9):
             raise ArgumentError(f"Arm.axes = {self.axes.tolist()}; give unit vectors")
+        known = {Family.PARALLEL: (6,), Family.SEEDED: (6, 7)}.get(self.family, (7,))
+        if self.joints not in known:
+            raise ArgumentError(
+                f"{self.name} has {self.joints} joints; arms of {' or '.join(map(str, known))} are "
+                f"supported as {self.family.name.lower()}"
+            )
         if self.family == Family.SRS and not np.array_equal(self.lower, -self.upper):
             raise ArgumentError(f"limits of {self.name} are not symmetric; give shoulder_wrist")
-        if self.family == Family.SEEDED and self.joints not in (6, 7):
-            raise ArgumentError(
-                f"{self.name} has {self.joints} joints; arms of 6 or 7 are supported"
-            )
         self._freeze(**arrays, chain=self._laid_out())
 
     def _laid_out(self) -> Array:

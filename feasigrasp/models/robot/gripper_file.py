@@ -6,9 +6,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from feasigrasp.errors import GraspError
+from feasigrasp.inputs import read_yaml
 from feasigrasp.models.choices import nearest
 from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.robot.suction_cup import SuctionCup
@@ -56,33 +55,23 @@ def load_gripper(name: str) -> Gripper:
             f"gripper is {name!r}, which is no file; give one, or one of {', '.join(GRIPPERS)}"
             f"{nearest(name, GRIPPERS)}"
         )
-    kind, content = _content(name)
     try:
+        kind, content = _content(read_yaml(Path(name).read_text(), GraspError))
         return kind(**content)
-    except (TypeError, ValueError) as error:
+    except (OSError, ValueError) as error:
         raise GraspError(f"{name}: {error}") from error
 
 
-def _content(name: str) -> tuple[type[Gripper], dict[str, Any]]:
-    """The kind of hand in a file, and what the file says of it, lists as tuples of numbers."""
-    try:
-        given = yaml.safe_load(Path(name).read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise GraspError(f"{name} is no YAML file: {str(error).splitlines()[0]}") from error
-    suction = isinstance(given, dict) and given.pop("kind", "parallel")
+def _content(given: dict[str, Any]) -> tuple[type[Gripper], dict[str, Any]]:
+    """The kind of hand in a file, and what the file says of it, lists as tuples."""
+    suction = given.pop("kind", "parallel")
     kind = SuctionCup if suction == "suction" else ParallelGripper
-    keys = {each.name: each.default for each in fields(kind) if each.init}
-    if not isinstance(given, dict):
-        raise GraspError(f"{name} has no keys; it may have {', '.join(keys)}")
+    keys = [each.name for each in fields(kind) if each.init]
     if suction not in ("parallel", "suction"):
-        raise GraspError(f"{name}: kind is {suction!r}; give parallel or suction")
+        raise GraspError(f"kind is {suction!r}; give parallel or suction")
     for key, value in given.items():
         if key not in keys:
-            raise GraspError(f"{name} has {key}; it may have {', '.join(keys)}{nearest(key, keys)}")
-        several = isinstance(keys[key], tuple)
-        try:
-            given[key] = tuple(map(float, value)) if several else float(value)
-        except (TypeError, ValueError) as error:
-            what = "three numbers" if several else "a number"
-            raise GraspError(f"{name}: {key} is {value!r}; give {what}, in SI units") from error
+            raise GraspError(f"has {key}; it may have {', '.join(keys)}{nearest(key, keys)}")
+        if isinstance(value, list):
+            given[key] = tuple(value)
     return kind, given

@@ -138,3 +138,22 @@ def test_the_command_says_why(tmp_path, capsys):
     np.save(tmp_path / "wrong.npy", np.zeros((3, 5)))
     with pytest.raises(InputError, match="give poses of shape"):
         read_grasps(tmp_path / "wrong.npy")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--q nan 0 0 0 0 0 0", "--q is nan 0 0 0 0 0 0; give 7 angles in degrees"),
+        ("--q 900 0 0 0 0 0 0", "--q is 900 0 0 0 0 0 0; give 7 angles in degrees"),
+        ("--q 0 0 --arm ur5e", "--q is 0 0; give 6 angles in degrees"),
+        ("--velocity nan 0 0", "--velocity is [nan, 0.0, 0.0]; give three finite numbers"),
+        ("--camera-pose X.txt", "--camera-pose X.txt: holds NaN or infinity; give"),
+    ],
+)
+def test_a_wrong_option_is_named_before_anything_is_read(
+    options, message, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    np.savetxt("X.txt", np.diag([1.0, 1.0, np.nan, 1.0]))
+    assert cli.main(["feasible", "--grasps", "none.npy", *options.split()]) == 2
+    assert message in capsys.readouterr().err
