@@ -1,6 +1,7 @@
 """What is repaired in a mesh file, and what is refused with a mend."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -247,12 +248,41 @@ def test_scale_must_be_positive(scale):
         load_object("box", scale=scale)
 
 
-def test_catalogue_with_a_bad_mass(tmp_path):
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"mass_kg": -1}, "mass_kg = -1; give a finite number of at least 0.001"),
+        ({"mass_kg": 200}, "mass_kg = 200; .*at most 20"),
+        ({"mass": 1}, "no key 'mass'; do you mean mass_kg?"),
+        ({"material": "gold"}, "material is 'gold'; choose one of matt, dark"),
+        ({"mesh": 5}, "mesh is 5; give a str"),
+        ({"color": None}, "color is None; give 4 entries"),
+        ({"color": [1, 0, 0, 255]}, r"color \[3\] = 255"),
+    ],
+)
+def test_catalogue_with_a_bad_entry(tmp_path, given, message):
     save(box(), tmp_path / "cube.obj")
-    entry = {"name": "cube", "mesh": "cube.obj", "mass_kg": -1}
-    (tmp_path / "objects.json").write_text(json.dumps({"objects": [entry]}))
-    with pytest.raises(MeshError, match="mass_kg=-1"):
-        load_object(tmp_path / "cube.obj")
+    entry = {"name": "cube", "mesh": "cube.obj", "description": "a cube"}
+    (tmp_path / "objects.json").write_text(json.dumps({"objects": [entry]}), encoding="utf-8-sig")
+    assert load_object(tmp_path / "cube").name == "cube"
+    (tmp_path / "objects.json").write_text(json.dumps({"objects": [entry | given]}))
+    for read in (lambda: load_object(tmp_path / "cube.obj"), lambda: find_objects(tmp_path)):
+        with pytest.raises(MeshError, match=f"objects.json: object 'cube': .*{message}"):
+            read()
+
+
+@pytest.mark.parametrize("text", ['{"objects": [],}', "[]", '{"objects": [{"name": "cube"}]}'])
+def test_a_broken_catalogue_is_not_passed_over(tmp_path, text):
+    save(box(), tmp_path / "cube.obj")
+    (tmp_path / "objects.json").write_text(text)
+    with pytest.raises(MeshError, match="objects.json lists no objects: .*(line 1|give)"):
+        find_objects(tmp_path)
+
+
+def test_an_object_has_a_material_and_a_color_that_there_are():
+    for wrong in ({"material": "gold"}, {"color": (0.0, 0.0, 0.0, 2.0)}):
+        with pytest.raises(MeshError, match=f"RigidObject.{next(iter(wrong))}"):
+            replace(load_object("ball"), **wrong)
 
 
 def test_folder_without_meshes(tmp_path):
