@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -145,20 +146,19 @@ def load_scenario(
             f"no scenario {name!r} in {filename}; it has {', '.join(names)}"
             f"{'; give a file by --scenario-file' if _is_file(name) else nearest(name, names)}"
         )
-    what = f"scenario {name!r} in {filename}"
-    stages: list[tuple[str, Scenario]] = []
-    try:
-        changes = [compose(text) for text in overrides]
+    changed = [f"scenario {name!r} as changed by {_shortened(text)}" for text in overrides]
+    changes: list[yaml.Node] = []
+    for what, text in zip(changed, overrides, strict=True):
+        with _named(what):
+            changes.append(compose(text))
+    with _named(what := f"scenario {name!r} in {filename}"):
         node = copy.deepcopy(nodes[name])
         packaged = _taken_base(node, base)
         first = _load(node, _defaults([node, *changes], packaged or base or Scenario()))
-        stages.append((what, with_paths_from(Path(filename).parent, first)))
-        for text, change in zip(overrides, changes, strict=True):
-            what = f"scenario {name!r} as changed by {_shortened(text)}"
-            changed = _load(change, stages[-1][1])
-            stages.append((what, with_paths_from(Path(), changed)))
-    except ScenarioError as error:
-        raise ScenarioError(f"{what}: {error}") from error
+        stages = [(what, with_paths_from(Path(filename).parent, first))]
+    for what, change in zip(changed, changes, strict=True):
+        with _named(what):
+            stages.append((what, with_paths_from(Path(), _load(change, stages[-1][1]))))
     wrong = _wrong_with(stages[-1][1])
     if wrong is not None:
         # The first to say so is named: what came after may have nothing to do with it.
@@ -171,11 +171,21 @@ def load_scenario(
     return stages[-1][1]
 
 
+@contextmanager
+def _named(what: str) -> Iterator[None]:
+    """Puts what is read in front of errors."""
+    try:
+        yield
+    except ScenarioError as error:
+        raise ScenarioError(f"{what}: {error}") from error
+
+
 def _taken_base(node: yaml.Node, base: Scenario | None) -> Scenario | None:
     """The packaged scenario that ``based_on`` names, itself on ``base``; the key is taken out."""
     named = find(node, "based_on")
     if named is None:
         return None
+    check_keys(named, str, ("based_on",))
     _drop(node, named)
     return load_scenario(str(named.value), base=base)
 
@@ -213,12 +223,10 @@ def parse_scenario(text: str) -> Scenario:
     Raises:
         ScenarioError: Unknown key or value.
     """
-    try:
+    with _named("not a scenario"):
         root = compose(text)
         scenario = _load(root, _defaults([root], Scenario()))
         check_scenario(scenario)
-    except ScenarioError as error:
-        raise ScenarioError(f"not a scenario: {error}") from error
     return scenario
 
 
@@ -264,7 +272,13 @@ def _nodes(filename: str | Path) -> dict[str, yaml.Node]:
 @functools.lru_cache(maxsize=4)
 def _composed(text: str) -> dict[str, yaml.Node]:
     """What a text has under each name, read-only: the next call returns the same."""
-    return {key.value: value for key, value in compose(text).value}
+    nodes = {key.value: value for key, value in compose(text).value}
+    for key in nodes.keys() & {"based_on", *Scenario.__dataclass_fields__}:
+        raise ScenarioError(
+            f"no map of names to scenarios: {key} is a key of one; give a name above it, as in "
+            f"Mine: {{{key}: ...}}"
+        )
+    return nodes
 
 
 def _defaults(nodes: Iterable[yaml.Node], base: Scenario) -> Scenario:
@@ -291,12 +305,6 @@ def _load(node: yaml.Node, defaults: Scenario) -> Scenario:
         _empty(defaults, yaml.load(text, Loader=yaml.BaseLoader))
         return yaml_load_typed(schema=Scenario, data=text, defaults=defaults)
     except _YAML_ERRORS as error:
-        # Drake's structs list the C++ types that they take before what they were given.
-        _, refused, given = str(error).partition("incompatible function arguments.")
-        if refused:
-            # pybind11 shows the values, nanobind their types alone.
-            given = " ".join(given.partition("Invoked with")[2].lstrip(": ").split())
-            raise ScenarioError(f"a value of a wrong length or kind: {given}") from error
         raise ScenarioError(str(error) or type(error).__name__) from error
 
 
