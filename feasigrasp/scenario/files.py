@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Iterable, Iterator
+import os
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,10 @@ from typing import Any
 import yaml
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
-from feasigrasp.errors import MeshError, ScenarioError
+from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.choices import SAFE, mode_names, nearest
-from feasigrasp.models.objects.rigid_object import builtin_objects, object_file
+from feasigrasp.models.objects.rigid_object import builtin_objects
 from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.gripper_file import GRIPPERS
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -29,9 +30,9 @@ from feasigrasp.scenario.schema import Scenario
 def with_paths_from(folder: Path, scenario: Scenario) -> Scenario:
     """The scenario with absolute paths, those of the given one starting at a folder.
 
-    Those are the models and directives of ``directives``, and ``file`` of ``cell.meshes``; and
-    ``gripper``, ``object.model`` and ``distractor.model`` where the folder has such a file. A name
-    of ours, a URI such as ``package://...``, and an absolute path stay what they are.
+    Those are the models and directives of ``directives``, ``file`` of ``cell.meshes``, ``arm``,
+    ``gripper``, ``object.model`` and ``distractor.model``. A name of ours, a URI such as
+    ``package://...``, and an absolute path stay what they are.
 
     Raises:
         ScenarioError: The directives, or the meshes of the cell, name a file that there is not.
@@ -46,12 +47,10 @@ def with_paths_from(folder: Path, scenario: Scenario) -> Scenario:
     for name, mesh in scenario.cell.meshes.items():
         if mesh.file:
             mesh.file = str(_existing(folder, mesh.file, f"cell.meshes.{name}.file"))
-    if scenario.arm not in arm_names() and (folder / scenario.arm).is_file():
-        scenario.arm = str(folder / scenario.arm)
-    if scenario.gripper not in GRIPPERS and (folder / scenario.gripper).is_file():
-        scenario.gripper = str(folder / scenario.gripper)
+    scenario.arm = _from(folder, scenario.arm, arm_names())
+    scenario.gripper = _from(folder, scenario.gripper, GRIPPERS)
     for body in (scenario.object, scenario.distractor):
-        body.model = _object(folder, body.model)
+        body.model = _from(folder, body.model, builtin_objects())
     return scenario
 
 
@@ -62,17 +61,11 @@ def _existing(folder: Path, file: str, key: str) -> Path:
     return path
 
 
-def _object(folder: Path, model: str) -> str:
-    """The path of an object if the folder has it, as a mesh or in the catalogue of a folder."""
-    if not model or model in builtin_objects():
-        return model
-    try:
-        found = (folder / model).is_file() or (
-            "/" in model and object_file(folder / model).is_file()
-        )
-    except (MeshError, OSError):
-        found = False
-    return str(folder / model) if found else model
+def _from(folder: Path, name: str, ours: Collection[str]) -> str:
+    """A name of ours, or a word that may be a misspelt one; of anything else the path."""
+    path = folder / name
+    is_path = "/" in name or path.suffix or os.path.isfile(path)
+    return str(path) if name and name not in ours and is_path else name
 
 
 #: The file of the packaged scenarios.

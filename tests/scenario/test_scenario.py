@@ -316,6 +316,7 @@ def test_an_unknown_base_is_named(tmp_path):
         ("Mine: {based_on: [ReachLinear]}", "based_on is a list; give a word .line 1"),
         ("Mine: {based_on: }", "based_on is empty; give a word"),
         ("object: {model: mug}", "own.yaml is no map of names.*Mine: {object: ...}"),
+        ("Mine: {object: {model: mug}}", "cameras has none; give one, or based_on: ReachLinear"),
         ("based_on: ReachLinear", "Mine: {based_on: ...}"),
         (
             "Mine: {based_on: ReachLinear, cameras: {c: {X_PB: {translation: [1, 2]}}}}",

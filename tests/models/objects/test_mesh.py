@@ -164,8 +164,26 @@ def test_unreadable_file(tmp_path, suffix):
 
 def test_points_without_faces(tmp_path):
     path = save(trimesh.PointCloud(box().vertices), tmp_path / "points.ply")
-    with pytest.raises(MeshError, match="points.ply: .*(no faces|not readable)"):
+    with pytest.raises(MeshError, match="points.ply: no faces, at most points; give a surface"):
         load_object(path)
+
+
+def test_a_folder_is_no_mesh(tmp_path):
+    (tmp_path / "folder.stl").mkdir()
+    with pytest.raises(MeshError, match="folder.stl: a folder; give the path of a mesh"):
+        load_object(tmp_path / "folder.stl")
+    with pytest.raises(MeshError, match="is a folder.*FOLDER/NAME"):
+        load_object(tmp_path)
+
+
+def test_a_package_that_a_format_needs_is_named(tmp_path, monkeypatch):
+    def load_mesh(*_, **__):
+        raise ModuleNotFoundError("No module named 'lxml'", name="lxml")
+
+    monkeypatch.setattr(trimesh, "load_mesh", load_mesh)
+    (tmp_path / "a.3mf").touch()
+    with pytest.raises(MeshError, match="a.3mf: .*needs lxml.*pip install lxml.*export"):
+        load_object(tmp_path / "a.3mf")
 
 
 def test_open_mesh_counts_its_open_edges(tmp_path):
@@ -183,7 +201,7 @@ def test_bodies_joined_at_an_edge_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("size", "mend"),
     [
-        (50.0, r"scale=0\.001 \(millimetres\)"),
+        (50.0, r"scale=0\.001 \(millimetres\).*object: \{scale"),
         (5.0, r"scale=0\.01 \(centimetres\)"),
         (1e-4, "0.1 m"),
     ],
