@@ -165,15 +165,10 @@ def _read(path: Path) -> trimesh.Trimesh:
     try:
         raw: Any = trimesh.load_mesh(path, process=False)
         vertices, faces = np.array(raw.vertices, dtype=float), np.array(raw.faces)
-    except ModuleNotFoundError as error:
-        raise MeshError(
-            f"{path}: to read {path.suffix}, trimesh needs {error.name}, which is not installed; "
-            f"run 'pip install {error.name}', or export the mesh as OBJ, PLY or STL."
-        ) from error
     except Exception as error:  # trimesh's readers raise whatever they stumble over
         raise MeshError(
             f"{path}: not readable as a triangle mesh ({type(error).__name__}: {error}); "
-            "export it as OBJ, PLY or STL."
+            "install what it needs, or export it as OBJ, PLY or STL."
         ) from error
     if not len(faces):
         raise MeshError(f"{path}: no faces, at most points; give a surface mesh.")
