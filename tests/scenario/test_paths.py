@@ -87,3 +87,11 @@ def test_a_file_that_the_folder_lacks_is_not_that_of_the_working_directory(file,
 def test_a_name_stays_a_name(file):
     for model in ("mug", "things"):
         assert load_scenario(file, "Own", f"{{object: {{model: {model}}}}}").object.model == model
+
+
+def test_an_unknown_material_of_a_catalogue_is_named(file):
+    listed = '{"objects": [{"name": "a", "mesh": "models/mine.obj", "material": "gold"}]}'
+    (file.parent / "objects.json").write_text(listed)
+    scenario = load_scenario("ReachLinear", f"{{object: {{model: {file.parent}/a}}}}")
+    with pytest.raises(FeasigraspError, match="own/a .objects.json. is 'gold'; choose one of matt"):
+        load_scenario_object(scenario)

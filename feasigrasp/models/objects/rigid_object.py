@@ -14,7 +14,7 @@ from feasigrasp.errors import InputError, MeshError
 from feasigrasp.inputs import read_json
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices
-from feasigrasp.models.choices import nearest, parse_word
+from feasigrasp.models.choices import nearest
 from feasigrasp.models.objects.mesh import (
     MAX_FACES,
     decimate,
@@ -24,7 +24,6 @@ from feasigrasp.models.objects.mesh import (
 )
 from feasigrasp.models.objects.mesh_cache import Solid, kept
 from feasigrasp.models.quantities import POINT, ArrayOf, Number, Positive, Share
-from feasigrasp.models.sensors.camera_errors import MATERIALS
 from feasigrasp.outputs import write_text
 from feasigrasp.resources import model_path
 
@@ -79,11 +78,9 @@ class RigidObject(Frozen):
         """Checks and freezes the arrays.
 
         Raises:
-            MeshError: An entry has another shape or kind, a face names no vertex, or there is no
-                such material.
+            MeshError: An entry has another shape or kind, or a face names no vertex.
         """
         check_fields(self, MeshError)
-        parse_word(MATERIALS, self.material, "RigidObject.material", MeshError)
         if self.faces.size and not 0 <= self.faces.min() <= self.faces.max() < len(self.vertices):
             raise MeshError(
                 f"RigidObject.faces names vertices outside 0 ... {len(self.vertices) - 1}"
@@ -122,7 +119,6 @@ class Entry:
                     raise MeshError(f"it has no key {key!r}{hint}")
             listed = cls(**{key: entry[key] for key in known if key in entry})
             check_fields(listed, MeshError)
-            parse_word(MATERIALS, listed.material, "material", MeshError)
         except MeshError as error:
             raise MeshError(f"{file}: object {entry['name']!r}: {error}") from None
         return listed

@@ -272,7 +272,7 @@ def test_scale_must_be_positive(scale):
         ({"mass_kg": -1}, "mass_kg = -1; give a finite number of at least 0.001"),
         ({"mass_kg": 200}, "mass_kg = 200; .*at most 20"),
         ({"mass": 1}, "no key 'mass'; do you mean mass_kg?"),
-        ({"material": "gold"}, "material is 'gold'; choose one of matt, dark"),
+        ({"material": 5}, "material is 5; give a str"),
         ({"mesh": 5}, "mesh is 5; give a str"),
         ({"color": None}, "color is None; give 4 entries"),
         ({"color": [1, 0, 0, 255]}, r"color \[3\] = 255"),
@@ -297,10 +297,9 @@ def test_a_broken_catalogue_is_not_passed_over(tmp_path, text):
         find_objects(tmp_path)
 
 
-def test_an_object_has_a_material_and_a_color_that_there_are():
-    for wrong in ({"material": "gold"}, {"color": (0.0, 0.0, 0.0, 2.0)}):
-        with pytest.raises(MeshError, match=f"RigidObject.{next(iter(wrong))}"):
-            replace(load_object("ball"), **wrong)
+def test_an_object_has_a_color_that_there_is():
+    with pytest.raises(MeshError, match="RigidObject.color"):
+        replace(load_object("ball"), color=(0.0, 0.0, 0.0, 2.0))
 
 
 def test_folder_without_meshes(tmp_path):
