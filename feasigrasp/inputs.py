@@ -38,7 +38,7 @@ def read_json(path: str | Path) -> Any:
         InputError: There is no such file, or it is none.
     """
     try:
-        return json.loads(Path(path).read_text())
+        return json.loads(Path(path).read_text("utf-8-sig"))  # with a byte order mark, too
     except FileNotFoundError:
         raise InputError(f"there is no file {path}") from None
     except (OSError, ValueError, RecursionError) as error:

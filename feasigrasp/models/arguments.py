@@ -56,6 +56,7 @@ def checked(
         own = function.__qualname__.removesuffix(".__init__").removesuffix(".__call__")
         parameters = signature(function).parameters.values()
         names = [p.name for p in parameters if p.kind <= Parameter.POSITIONAL_OR_KEYWORD]
+        rest = [p.name for p in parameters if p.kind is Parameter.VAR_POSITIONAL]
         variable = {p.name for p in parameters if p.kind is Parameter.VAR_KEYWORD}
         plan: list[tuple[dict[str, Check], list[Check | None]]] = []
 
@@ -71,6 +72,9 @@ def checked(
                     if check is not None:
                         made.argument = names[i]
                         values[i] = check(values[i], made)
+                for i, name in enumerate(rest * (len(values) - len(names)), len(names)):
+                    made.argument = name
+                    values[i] = checks[name](values[i], made) if name in checks else values[i]
                 for name in kwargs:
                     if name in checks:
                         made.argument = name

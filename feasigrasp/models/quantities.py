@@ -250,11 +250,11 @@ CONFIGURATION = ArrayOf(("joints",), "rad", most=_DEGREES)
 JOINT_RATES = ArrayOf(("joints",), "rad/s", finite=False)
 JACOBIAN = ArrayOf((6, "joints"), finite=False)
 POINTS = ArrayOf(("n", 3), "m")
-POINT = ArrayOf((3,), "m")
+POINT = ArrayOf((3,), "m", most=(1e8, " m, more than the Earth is wide; give metres"))
 #: Points of a cloud, some of which may be without depth: whoever takes them counts those.
 CLOUD = ArrayOf(("n", 3), "m", finite=False)
 #: Where a camera was, or the directions from points to their cameras.
-VIEW = ArrayOf(("...", 3), "m")
+VIEW = ArrayOf(("...", 3), "m", most=POINT.most)
 #: Rigid motions; those that may be unknown, not finite; and these with any leading axes.
 POSE = ArrayOf((4, 4), "m", rotation=True)
 POSES = ArrayOf(("n", 4, 4), "m", rotation=True)

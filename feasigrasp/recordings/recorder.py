@@ -158,7 +158,7 @@ def check_new_recording(folder: Path) -> None:
 
 @checked(InputError)
 def recorded(
-    folder: Path, camera: CameraInfo, frames: Iterable[DepthFrame]
+    folder: str | Path, camera: CameraInfo, frames: Iterable[DepthFrame]
 ) -> Iterator[DepthFrame]:
     """Hands on images as they come, each when it is written.
 
@@ -173,6 +173,7 @@ def recorded(
     Raises:
         OutputError: It cannot be written, e.g. because the disk is full.
     """
+    folder = Path(folder)
     check_new_recording(folder)
     write_text(folder / "camera.json", camera.to_json())
     for k, frame in enumerate(frames):

@@ -49,6 +49,7 @@ from feasigrasp.runs.replay import (
 from feasigrasp.runs.results.interrupts import postponed_interrupt
 from feasigrasp.runs.results.provenance import git_revision, machine, own_files, versions
 from feasigrasp.runs.teleport import teleport
+from feasigrasp.scenario.checks import check_types_too
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
@@ -128,7 +129,7 @@ def run(
     name: str = "",
     *,
     log: bool = True,
-    replay: Path | None = None,
+    replay: str | Path | None = None,
     keep: Callable[[dict[str, Any]], None] = lambda record: None,
     line: StatusLine | None = None,
     live: LiveView | None = None,
@@ -149,6 +150,7 @@ def run(
         live: Where to watch it.
         ghost: The replay shows the arm of this scenario, in another mode, as well, translucent.
     """
+    check_types_too(scenario)
     say = line.show if line else lambda text: None
     say("building the diagram")
     # Made now: the revision may change while the simulation runs.
@@ -215,7 +217,7 @@ def run(
         monitor = diagram.GetSubsystemByName("status")
         looks = monitor.looks(monitor.GetMyContextFromRoot(context))
         mode = ghost.control.mode if ghost else ""
-        write_replay(meshcat, replay, (*looks, outcome), pictures, mode)
+        write_replay(meshcat, Path(replay), (*looks, outcome), pictures, mode)
     return Result(record, read_run_log(diagram, context) if log else {}, times, samples)
 
 

@@ -38,7 +38,8 @@ def check_cameras(scenario: Scenario) -> None:
     if looking not in scenario.cameras:
         raise ScenarioError(
             f"perception.camera is {looking!r}, but cameras has "
-            f"{', '.join(scenario.cameras) or 'none'}{nearest(looking, scenario.cameras)}"
+            f"{', '.join(scenario.cameras) or 'none; give one, or based_on: ReachLinear'}"
+            f"{nearest(looking, scenario.cameras)}"
         )
     _check_second_camera(scenario)
     for name, camera in scenario.cameras.items():

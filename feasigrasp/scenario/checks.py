@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from feasigrasp.errors import CameraError, GraspError, ScenarioError
+from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.choices import ControlSpace, Span, metadata_of, nearest
 from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
@@ -71,6 +72,18 @@ def check_scenario(scenario: Scenario) -> None:
     for name, drawn in ranges.items():
         if not isinstance(drawn, float | int) and drawn.min > drawn.max:
             raise ScenarioError(f"{name} has min {drawn.min} above max {drawn.max}; swap them")
+
+
+def check_types_too(scenario: Scenario) -> None:
+    """Checks a scenario of which values may have been set since it was read.
+
+    Raises:
+        ScenarioError: A value of another type, or see `check_scenario`.
+    """
+    for section in (scenario, *vars(scenario).values()):
+        if dc.is_dataclass(section):
+            check_fields(section, ScenarioError)
+    check_scenario(scenario)
 
 
 def _check_arm(scenario: Scenario) -> None:

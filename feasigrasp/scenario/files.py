@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Iterable
+import os
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import yaml
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
-from feasigrasp.errors import MeshError, ScenarioError
+from feasigrasp.errors import ScenarioError
 from feasigrasp.inputs import compose_yaml
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.choices import SAFE, mode_names, nearest
-from feasigrasp.models.objects.rigid_object import builtin_objects, object_file
+from feasigrasp.models.objects.rigid_object import builtin_objects
 from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.gripper_file import GRIPPERS
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -29,9 +31,9 @@ from feasigrasp.scenario.schema import Scenario
 def with_paths_from(folder: Path, scenario: Scenario) -> Scenario:
     """The scenario with absolute paths, those of the given one starting at a folder.
 
-    Those are the models and directives of ``directives``, and ``file`` of ``cell.meshes``; and
-    ``gripper``, ``object.model`` and ``distractor.model`` where the folder has such a file. A name
-    of ours, a URI such as ``package://...``, and an absolute path stay what they are.
+    Those are the models and directives of ``directives``, ``file`` of ``cell.meshes``, ``arm``,
+    ``gripper``, ``object.model`` and ``distractor.model``. A name of ours, a URI such as
+    ``package://...``, and an absolute path stay what they are.
 
     Raises:
         ScenarioError: The directives, or the meshes of the cell, name a file that there is not.
@@ -46,12 +48,10 @@ def with_paths_from(folder: Path, scenario: Scenario) -> Scenario:
     for name, mesh in scenario.cell.meshes.items():
         if mesh.file:
             mesh.file = str(_existing(folder, mesh.file, f"cell.meshes.{name}.file"))
-    if scenario.arm not in arm_names() and (folder / scenario.arm).is_file():
-        scenario.arm = str(folder / scenario.arm)
-    if scenario.gripper not in GRIPPERS and (folder / scenario.gripper).is_file():
-        scenario.gripper = str(folder / scenario.gripper)
+    scenario.arm = _from(folder, scenario.arm, arm_names())
+    scenario.gripper = _from(folder, scenario.gripper, GRIPPERS)
     for body in (scenario.object, scenario.distractor):
-        body.model = _object(folder, body.model)
+        body.model = _from(folder, body.model, builtin_objects())
     return scenario
 
 
@@ -62,17 +62,11 @@ def _existing(folder: Path, file: str, key: str) -> Path:
     return path
 
 
-def _object(folder: Path, model: str) -> str:
-    """The path of an object if the folder has it, as a mesh or in the catalogue of a folder."""
-    if not model or model in builtin_objects():
-        return model
-    try:
-        found = (folder / model).is_file() or (
-            "/" in model and object_file(folder / model).is_file()
-        )
-    except (MeshError, OSError):
-        found = False
-    return str(folder / model) if found else model
+def _from(folder: Path, name: str, ours: Collection[str]) -> str:
+    """A name of ours, or a word that may be a misspelt one; of anything else the path."""
+    path = folder / name
+    is_path = "/" in name or path.suffix or os.path.isfile(path)
+    return str(path) if name and name not in ours and is_path else name
 
 
 #: The file of the packaged scenarios.
@@ -146,20 +140,19 @@ def load_scenario(
             f"no scenario {name!r} in {filename}; it has {', '.join(names)}"
             f"{'; give a file by --scenario-file' if _is_file(name) else nearest(name, names)}"
         )
-    what = f"scenario {name!r} in {filename}"
-    stages: list[tuple[str, Scenario]] = []
-    try:
-        changes = [compose_yaml(text, ScenarioError) for text in overrides]
+    changed = [f"scenario {name!r} as changed by {_shortened(text)}" for text in overrides]
+    changes: list[yaml.Node] = []
+    for what, text in zip(changed, overrides, strict=True):
+        with _named(what):
+            changes.append(compose_yaml(text, ScenarioError))
+    with _named(what := f"scenario {name!r} in {filename}"):
         node = copy.deepcopy(nodes[name])
         packaged = _taken_base(node, base)
         first = _load(node, _defaults([node, *changes], packaged or base or Scenario()))
-        stages.append((what, with_paths_from(Path(filename).parent, first)))
-        for text, change in zip(overrides, changes, strict=True):
-            what = f"scenario {name!r} as changed by {_shortened(text)}"
-            changed = _load(change, stages[-1][1])
-            stages.append((what, with_paths_from(Path(), changed)))
-    except ScenarioError as error:
-        raise ScenarioError(f"{what}: {error}") from error
+        stages = [(what, with_paths_from(Path(filename).parent, first))]
+    for what, change in zip(changed, changes, strict=True):
+        with _named(what):
+            stages.append((what, with_paths_from(Path(), _load(change, stages[-1][1]))))
     wrong = _wrong_with(stages[-1][1])
     if wrong is not None:
         # The first to say so is named: what came after may have nothing to do with it.
@@ -172,11 +165,21 @@ def load_scenario(
     return stages[-1][1]
 
 
+@contextmanager
+def _named(what: str) -> Iterator[None]:
+    """Puts what is read in front of errors."""
+    try:
+        yield
+    except ScenarioError as error:
+        raise ScenarioError(f"{what}: {error}") from error
+
+
 def _taken_base(node: yaml.Node, base: Scenario | None) -> Scenario | None:
     """The packaged scenario that ``based_on`` names, itself on ``base``; the key is taken out."""
     named = find(node, "based_on")
     if named is None:
         return None
+    check_keys(named, str, ("based_on",))
     _drop(node, named)
     return load_scenario(str(named.value), base=base)
 
@@ -214,12 +217,10 @@ def parse_scenario(text: str) -> Scenario:
     Raises:
         ScenarioError: Unknown key or value.
     """
-    try:
+    with _named("not a scenario"):
         root = compose_yaml(text, ScenarioError)
         scenario = _load(root, _defaults([root], Scenario()))
         check_scenario(scenario)
-    except ScenarioError as error:
-        raise ScenarioError(f"not a scenario: {error}") from error
     return scenario
 
 
@@ -265,7 +266,13 @@ def _nodes(filename: str | Path) -> dict[str, yaml.Node]:
 @functools.lru_cache(maxsize=4)
 def _composed(text: str) -> dict[str, yaml.Node]:
     """What a text has under each name, read-only: the next call returns the same."""
-    return {key.value: value for key, value in compose_yaml(text, ScenarioError).value}
+    nodes = {key.value: value for key, value in compose_yaml(text, ScenarioError).value}
+    for key in nodes.keys() & {"based_on", *Scenario.__dataclass_fields__}:
+        raise ScenarioError(
+            f"no map of names to scenarios: {key} is a key of one; give a name above it, as in "
+            f"Mine: {{{key}: ...}}"
+        )
+    return nodes
 
 
 def _defaults(nodes: Iterable[yaml.Node], base: Scenario) -> Scenario:
@@ -284,6 +291,9 @@ def _load(node: yaml.Node, defaults: Scenario) -> Scenario:
     """Reads the tree of a scenario, or of changes of ``defaults``."""
     replace_former_keys(node)
     move_keys(node, defaults)
+    motion = find(node, "motion")
+    if motion is not None and motion.tag == "tag:yaml.org,2002:map":
+        motion.tag = f"!{type(defaults.motion).__name__}"
     check_keys(node, Scenario)
     text = yaml.serialize(node, Dumper=yaml.SafeDumper)
     try:
@@ -292,12 +302,6 @@ def _load(node: yaml.Node, defaults: Scenario) -> Scenario:
         _empty(defaults, yaml.load(text, Loader=yaml.BaseLoader))
         return yaml_load_typed(schema=Scenario, data=text, defaults=defaults)
     except _YAML_ERRORS as error:
-        # Drake's structs list the C++ types that they take before what they were given.
-        _, refused, given = str(error).partition("incompatible function arguments.")
-        if refused:
-            # pybind11 shows the values, nanobind their types alone.
-            given = " ".join(given.partition("Invoked with")[2].lstrip(": ").split())
-            raise ScenarioError(f"a value of a wrong length or kind: {given}") from error
         raise ScenarioError(str(error) or type(error).__name__) from error
 
 

@@ -186,6 +186,7 @@ def check_keys(node: yaml.Node, kind: typing.Any, path: tuple[str, ...] = ()) ->
                 )
             else:
                 check_keys(value, fields[name], (*path, name))
+                _check_length(value, kind, name, path)
     elif _is_struct(kind):
         if not isinstance(node, yaml.MappingNode):
             what = f"{node.tag} {{}}" if given else f"one of {', '.join(structs)}"
@@ -202,6 +203,19 @@ def check_keys(node: yaml.Node, kind: typing.Any, path: tuple[str, ...] = ()) ->
         for i, value in enumerate(node.value):
             each = next(iter(typing.get_args(kind)), float)
             check_keys(value, each, (*path[:-1], f"{path[-1]}[{i}]"))
+
+
+def _check_length(node: yaml.Node, kind: typing.Any, name: str, path: tuple[str, ...]) -> None:
+    """Checks that a vector of one of Drake's structs has as many entries as the struct takes."""
+    usual = None if dc.is_dataclass(kind) else getattr(kind(), name)
+    if isinstance(usual, np.ndarray) and isinstance(node, yaml.SequenceNode):
+        try:
+            setattr(kind(), name, np.zeros(len(node.value)))
+        except (TypeError, RuntimeError) as error:
+            raise ScenarioError(
+                f"{'.'.join((*path, name))} has {len(node.value)} entries; give {len(usual)} "
+                f"(line {node.start_mark.line + 1})"
+            ) from error
 
 
 def _is_struct(kind: typing.Any) -> bool:

@@ -10,9 +10,10 @@ from pydrake.common import RandomGenerator
 from pydrake.common.schema import Sample, Transform, Uniform
 from scipy.spatial.transform import Rotation
 
-from feasigrasp.errors import ScenarioError
+from feasigrasp.errors import MeshError, ScenarioError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.choices import parse_word
 from feasigrasp.models.faults.object import altered
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.distractor_bodies import (
@@ -24,6 +25,7 @@ from feasigrasp.models.objects.distractor_bodies import (
 from feasigrasp.models.objects.motion import BezierMotion, HarmonicMotion, ObjectMotion, bezier_legs
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
+from feasigrasp.models.sensors.camera_errors import MATERIALS
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
@@ -68,7 +70,8 @@ def load_scenario_object(scenario: Scenario) -> RigidObject:
     """The object that a scenario names, built-in or from a mesh file."""
     config = scenario.object
     obj = load_object(config.model, scale=config.scale, mass=config.mass)
-    factor, material = config.mass_factor, config.material or obj.material
+    factor, where = config.mass_factor, f"material of {config.model} (objects.json)"
+    material = parse_word(MATERIALS, config.material or obj.material, where, MeshError)
     mass, inertia = factor * obj.mass, factor * obj.inertia
     return dataclasses.replace(obj, mass=mass, inertia=inertia, material=material)
 

@@ -13,7 +13,7 @@ from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.scenario.checks import check_segmentation
+from feasigrasp.scenario.checks import check_segmentation, check_types_too
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.sampling import make_hand_error
 from feasigrasp.scenario.schema import Scenario
@@ -150,6 +150,7 @@ def make_dynamic_grasp(
         ScenarioError: A part that the scenario names cannot be made, or one that is given would
             have to go to another process.
     """
+    check_types_too(scenario)
     reachability = make_reachability(scenario)
     gripper = reachability.gripper
     hand_error = np.eye(4) if station else make_hand_error(scenario)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.errors import ReachabilityError
+from feasigrasp.errors import ReachabilityError, ScenarioError
 from feasigrasp.models.arguments import checked
+from feasigrasp.models.choices import parse_word
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import NotNegative, Positive
@@ -32,9 +35,12 @@ from feasigrasp_lab.paper.predicted_reachability import (
 def make_judged_filter(scenario: Scenario, judge: Judge) -> JudgedFilter:
     """The filter of a scenario by a judge; modes that enforce nothing skip the way in."""
     config = scenario.reachability
+    for name in config.options:
+        parse_word(("space", "horizon"), name, "a key of reachability.options", ScenarioError)
+    horizon: Any = config.options.get("horizon", 1.0)
     return JudgedFilter(
         judge,
-        horizon=float(config.options.get("horizon", 1.0)),
+        horizon=horizon,
         symmetric_grasps=config.symmetric_grasps,
         way_in=WAY_IN if scenario.control.safe else 0.0,
         period=config.period,

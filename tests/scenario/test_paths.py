@@ -1,10 +1,15 @@
 """Paths of a scenario start at its file, wherever it is run from; what was valid stays so."""
 
+from pathlib import Path
+
 import pytest
 import trimesh
 
+from feasigrasp.errors import FeasigraspError
+from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.runs.results.provenance import own_files
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
+from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.systems.station.directives import cell_directives
 
 TEXT = """
@@ -67,7 +72,26 @@ def test_what_is_put_on_top_starts_at_the_working_directory(file, tmp_path):
     assert scenario.gripper == str(file.parent / "hand.yaml")
 
 
-def test_an_object_that_the_folder_lacks_is_left_to_the_working_directory(file):
-    """As it was: names of ours stay names, and a path from where the command is run works on."""
-    for model in ("mug", "nowhere/else.obj", "things"):
+@pytest.mark.parametrize("key", ["object: {model: %s}", "distractor: {model: %s}", "gripper: %s"])
+@pytest.mark.parametrize("name", ["other.obj", "models/other.obj"])
+def test_a_file_that_the_folder_lacks_is_not_that_of_the_working_directory(file, key, name):
+    Path("models").mkdir()
+    trimesh.creation.box((0.02, 0.02, 0.02)).export(name)
+    file.write_text(f"Own: {{based_on: ReachLinear, {key % name}}}")
+    with pytest.raises(FeasigraspError, match=f"{file.parent}/{name}.*no (such )?file"):
+        scenario = load_scenario(file)
+        load_scenario_object(scenario)
+        load_object(scenario.distractor.model)
+
+
+def test_a_name_stays_a_name(file):
+    for model in ("mug", "things"):
         assert load_scenario(file, "Own", f"{{object: {{model: {model}}}}}").object.model == model
+
+
+def test_an_unknown_material_of_a_catalogue_is_named(file):
+    listed = '{"objects": [{"name": "a", "mesh": "models/mine.obj", "material": "gold"}]}'
+    (file.parent / "objects.json").write_text(listed)
+    scenario = load_scenario("ReachLinear", f"{{object: {{model: {file.parent}/a}}}}")
+    with pytest.raises(FeasigraspError, match="own/a .objects.json. is 'gold'; choose one of matt"):
+        load_scenario_object(scenario)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.resources import diagram_path
+from feasigrasp.runs.run import run
 from feasigrasp.scenario.cell import CellConfig
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario, scenario_names
 from feasigrasp.scenario.parts import PartConfig
@@ -20,6 +21,7 @@ from feasigrasp.scenario.sampling import (
     make_motion,
 )
 from feasigrasp.scenario.schema import ControlConfig, Scenario, SensorsConfig
+from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.from_scenario import make_camera, station_config
 
 FILE = diagram_path("dynamic.scenarios.yaml")
@@ -308,6 +310,55 @@ def test_an_unknown_base_is_named(tmp_path):
         load_scenario(path, "Mine")
 
 
+@pytest.mark.parametrize(
+    ("file", "message"),
+    [
+        ("Mine: {based_on: [ReachLinear]}", "based_on is a list; give a word .line 1"),
+        ("Mine: {based_on: }", "based_on is empty; give a word"),
+        ("object: {model: mug}", "own.yaml is no map of names.*Mine: {object: ...}"),
+        ("Mine: {object: {model: mug}}", "cameras has none; give one, or based_on: ReachLinear"),
+        ("based_on: ReachLinear", "Mine: {based_on: ...}"),
+        (
+            "Mine: {based_on: ReachLinear, cameras: {c: {X_PB: {translation: [1, 2]}}}}",
+            "cameras.c.X_PB.translation has 2 entries; give 3 .line 1",
+        ),
+    ],
+)
+def test_a_file_of_another_form_is_refused_by_its_key(file, message, tmp_path):
+    (tmp_path / "own.yaml").write_text(file)
+    with pytest.raises(ScenarioError, match=message):
+        load_scenario(tmp_path / "own.yaml")
+
+
+@pytest.mark.parametrize("text", ["{object: {", "object"])
+def test_a_text_that_is_no_mapping_is_named(text):
+    with pytest.raises(ScenarioError, match=f"'ReachLinear' as changed by {text}: not"):
+        load_scenario("ReachLinear", "{random_seed: 1}", text)
+
+
+@pytest.mark.parametrize("text", [{"random_seed": 1}, 5, b"{}", ["{}"]])
+def test_what_is_no_text_is_refused(text):
+    with pytest.raises(ScenarioError, match="load_scenario: texts is .*; give a str"):
+        load_scenario("ReachLinear", None, text)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "message"),
+    [
+        ("", "random_seed", 1.5, "random_seed is 1.5; give a whole number"),
+        ("", "object", None, "object is None; give a ObjectConfig"),
+        ("object", "mass", "heavy", "ObjectConfig.mass is 'heavy'; give a finite number"),
+        ("object", "mass", 1e9, "object.mass is 1000000000; it must be from 0.001 to 20 kg"),
+    ],
+)
+def test_what_is_set_after_reading_is_checked_as_well(section, key, value, message):
+    scenario = load_scenario("ReachLinear")
+    setattr(getattr(scenario, section, scenario), key, value)
+    for use in (run, make_dynamic_grasp):
+        with pytest.raises(ScenarioError, match=message):
+            use(scenario)
+
+
 def test_a_wrong_value_is_blamed_on_what_gave_it(tmp_path):
     """Not on what was applied after it, nor on a text for what the file says."""
     wrong, harmless = "{object: {friction: -1.0}}", "{random_seed: 3}"
@@ -398,6 +449,7 @@ def test_unknown_keys_are_refused_by_name(text, named, tmp_path):
         ("{motion: {spin_axis: [0, 0, 0]}}", "motion.spin_axis is zero"),
         ("{motion: {rate: .nan}}", "motion.rate is nan"),
         ("{grasp: {lift: [0.1]}}", "grasp.lift has 1 entries"),
+        ("{grasp: {patience: .inf}}", "patience is inf; give a finite number from 0.5 to 100000 s"),
         ("{grasp: {shake: [0.1]}}", "grasp.shake has 1 entries"),
         ("{object: {scale: 0.0}}", "object.scale is 0; "),
         ("{object: {friction: -0.1}}", "object.friction is -0.1"),
@@ -407,7 +459,7 @@ def test_unknown_keys_are_refused_by_name(text, named, tmp_path):
         ("{object: {rotation: !Turn {}}}", "object.rotation has the tag !Turn; give !Rpy"),
         ("{object: {rotation: !Rpy {deg: 30}}}", "object.rotation.deg is 30; give a list"),
         ("{object: {rotation: !Rpy {deg: [0, 0, x]}}}", r"rotation.deg\[2\] is x; give a number"),
-        ("{object: {rotation: !Rpy {deg: [0, 0]}}}", "of a wrong length.*Rpy"),
+        ("{object: {rotation: !Rpy {deg: [0, 0]}}}", "object.rotation.deg has 2 entries; give 3"),
     ],
 )
 def test_wrong_values_are_refused(text, message):

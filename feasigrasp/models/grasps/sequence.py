@@ -71,7 +71,7 @@ class GraspSequenceConfig:
     position_tolerance: float = key(0.006, 0.0001, 0.1, "m")
     angle_tolerance: float = key(0.08, 0.001, 3.15, "rad")
     dwell: float = key(0.1, 0.0, 60.0, "s")
-    patience: float = key(5.0, 0.5, np.inf, "s")
+    patience: float = key(5.0, 0.5, 100000.0, "s")
     closing_speed: float = key(0.15, 0.001, 1.0, "m/s")
     closing_time: float = key(1.0, 0.01, 60.0, "s")
     squeeze_time: float = key(0.2, 0.01, 60.0, "s")

@@ -160,17 +160,18 @@ def _clean(vertices: Array, faces: NDArray[Any]) -> trimesh.Trimesh:
 
 def _read(path: Path) -> trimesh.Trimesh:
     if not path.is_file():
-        raise MeshError(f"{path}: no such file; give the path of a mesh (obj, ply, stl, off, glb).")
+        what = "a folder" if path.is_dir() else "no such file"
+        raise MeshError(f"{path}: {what}; give the path of a mesh (obj, ply, stl, off, glb).")
     try:
         raw: Any = trimesh.load_mesh(path, process=False)
         vertices, faces = np.array(raw.vertices, dtype=float), np.array(raw.faces)
     except Exception as error:  # trimesh's readers raise whatever they stumble over
         raise MeshError(
             f"{path}: not readable as a triangle mesh ({type(error).__name__}: {error}); "
-            "export it as OBJ, PLY or STL."
+            "install what it needs, or export it as OBJ, PLY or STL."
         ) from error
     if not len(faces):
-        raise MeshError(f"{path}: {len(vertices)} points but no faces; give a surface mesh.")
+        raise MeshError(f"{path}: no faces, at most points; give a surface mesh.")
     if not np.isfinite(vertices).all():
         bad = int((~np.isfinite(vertices)).any(axis=1).sum())
         raise MeshError(f"{path}: {bad} vertices are NaN or infinite; export the mesh again.")
@@ -195,7 +196,8 @@ def _check_extent(mesh: trimesh.Trimesh, path: Path, scale: float) -> None:
     mend = " or ".join(fits) or f"scale={scale * 0.1 / extent:.2g} (largest side 0.1 m)"
     raise MeshError(
         f"{path}: the largest side is {extent:.4g} m with scale={scale:g}, outside "
-        f"[{min_extent}, {max_extent}] m; the file is probably not in metres. Try {mend}."
+        f"[{min_extent}, {max_extent}] m; the file is probably not in metres. Try {mend}; "
+        "a scenario, or a text on top of one, gives it as object: {scale: ...}."
     )
 
 

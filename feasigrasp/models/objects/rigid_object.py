@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,9 +10,11 @@ from typing import Annotated, Any
 import numpy as np
 import trimesh
 
-from feasigrasp.errors import MeshError
+from feasigrasp.errors import InputError, MeshError
+from feasigrasp.inputs import read_json
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices
+from feasigrasp.models.choices import nearest
 from feasigrasp.models.objects.mesh import (
     MAX_FACES,
     decimate,
@@ -23,7 +23,7 @@ from feasigrasp.models.objects.mesh import (
     read_solid,
 )
 from feasigrasp.models.objects.mesh_cache import Solid, kept
-from feasigrasp.models.quantities import POINT, ArrayOf, Positive
+from feasigrasp.models.quantities import POINT, ArrayOf, Number, Positive, Share
 from feasigrasp.outputs import write_text
 from feasigrasp.resources import model_path
 
@@ -61,7 +61,7 @@ class RigidObject(Frozen):
     mass: Positive
     p_MO: Annotated[Array, POINT]
     inertia: Annotated[Array, ArrayOf((3, 3), "kg m^2")]
-    color: tuple[float, float, float, float] = _DEFAULT_COLOR
+    color: tuple[Share, Share, Share, Share] = _DEFAULT_COLOR
     material: str = "matt"
     notes: tuple[str, ...] = ()
 
@@ -97,6 +97,31 @@ class RigidObject(Frozen):
     def extents(self) -> Array:
         """Sides of the axis-aligned bounding box, shape (3,) [m]."""
         return np.asarray(np.ptp(self.vertices, axis=0))
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What a catalogue says of an object; of a mesh alone, what is usual."""
+
+    name: str
+    mesh: str = ""
+    mass_kg: Annotated[float, Number(0.001, 20.0)] | None = None
+    color: tuple[Share, Share, Share, Share] = _DEFAULT_COLOR
+    material: str = RigidObject.material
+
+    @classmethod
+    def of(cls, file: Path, entry: dict[str, Any]) -> Entry:
+        """An entry of a file; keys for people, such as a description, are passed over."""
+        known = [field.name for field in fields(cls)]
+        try:
+            for key in entry.keys() - known:
+                if hint := nearest(key, set(known) - entry.keys()):
+                    raise MeshError(f"it has no key {key!r}{hint}")
+            listed = cls(**{key: entry[key] for key in known if key in entry})
+            check_fields(listed, MeshError)
+        except MeshError as error:
+            raise MeshError(f"{file}: object {entry['name']!r}: {error}") from None
+        return listed
 
 
 def builtin_objects() -> list[str]:
@@ -140,15 +165,14 @@ def load_object(
         raise MeshError(f"{path}: both mass={mass} and density={density} given; give one of them.")
     state = path.stat() if path.is_file() else None
     mesh, notes = _read_once(path, scale, state and (state.st_mtime_ns, state.st_size))
-    if mass is None and density is None and "mass_kg" in entry:
-        _check_positive(f"{path}: its catalogue gives mass_kg", entry["mass_kg"])
-        mass = float(entry["mass_kg"]) * scale**3
+    if mass is None and density is None and entry.mass_kg is not None:
+        mass = float(entry.mass_kg) * scale**3
     return RigidObject.of_mesh(
-        str(entry.get("name", path.stem)),
+        entry.name,
         mesh,
         mass if mass is not None else (density or DEFAULT_DENSITY) * float(mesh.volume),
-        color=tuple(entry.get("color", _DEFAULT_COLOR)),
-        material=str(entry.get("material", RigidObject.material)),
+        color=tuple(entry.color),
+        material=entry.material,
         notes=notes,
     )
 
@@ -179,7 +203,7 @@ def find_objects(directory: str | Path) -> dict[str, Path]:
         raise MeshError(f"{directory}: no such folder; give a folder of meshes.")
     entries = _read_catalogue(directory)
     if entries:
-        return {name: directory / entry["mesh"] for name, entry in sorted(entries.items())}
+        return {name: directory / entry.mesh for name, entry in sorted(entries.items())}
     paths = sorted(p for p in directory.iterdir() if p.suffix.lower() in _SUFFIXES)
     if not paths:
         raise MeshError(
@@ -222,41 +246,40 @@ def object_file(name_or_path: str | Path) -> Path:
     return _resolve(name_or_path)[0]
 
 
-def _resolve(name_or_path: str | Path) -> tuple[Path, Mapping[str, Any]]:
+def _resolve(name_or_path: str | Path) -> tuple[Path, Entry]:
     """The mesh file, and what a catalogue says about it (possibly nothing)."""
     name, path = str(name_or_path), Path(name_or_path)
     built_in = _read_catalogue(model_path("objects"))
     if name in built_in:
-        return model_path("objects", built_in[name]["mesh"]), built_in[name]
+        return model_path("objects", built_in[name].mesh), built_in[name]
     if path.suffix.lower() in _SUFFIXES or path.is_file():
         for folder in (path.parent, path.parent.parent):
             for entry in _read_catalogue(folder).values():
-                if (folder / entry["mesh"]).resolve() == path.resolve():
+                if (folder / entry.mesh).resolve() == path.resolve():
                     return path, entry
-        return path, {}
+        return path, Entry(path.stem)
     listed = _read_catalogue(path.parent) if path.parent != Path() else {}
     if path.name in listed:
-        return path.parent / listed[path.name]["mesh"], listed[path.name]
+        return path.parent / listed[path.name].mesh, listed[path.name]
+    what = "a folder" if path.is_dir() else "neither a built-in object nor a mesh file"
     raise MeshError(
-        f"'{name}' is neither a built-in object nor a mesh file. Built in: "
-        f"{', '.join(sorted(built_in))}. Or give the path of a mesh ({', '.join(_SUFFIXES)})."
+        f"'{name}' is {what}. Built in: {', '.join(sorted(built_in))}. Or give the path of a mesh "
+        f"({', '.join(_SUFFIXES)}), or FOLDER/NAME with a NAME of FOLDER/objects.json."
     )
 
 
-def _read_catalogue(folder: Path) -> dict[str, Mapping[str, Any]]:
+def _read_catalogue(folder: Path) -> dict[str, Entry]:
     """Entries by name of the first JSON file of a folder that lists meshes; none if none does."""
     for file in sorted(folder.glob("*.json")):
+        wrong = 'give {"objects": [{"name": "mine", "mesh": "mine.obj", "mass_kg": 0.3}]}'
         try:
-            content = json.loads(file.read_text())
-        except (OSError, UnicodeDecodeError, json.JSONDecodeError):
-            continue  # some other file that happens to lie there
+            content = read_json(file)
+        except InputError as error:
+            content, wrong = None, str(error)
         listed = content.get("objects") if isinstance(content, dict) else None
         keys = {"name", "mesh"}
         if isinstance(listed, list) and all(isinstance(e, dict) and keys <= set(e) for e in listed):
-            return {str(entry["name"]): entry for entry in listed}
+            return {str(entry["name"]): Entry.of(file, entry) for entry in listed}
+        if file.name == "objects.json":  # no other file that happens to lie there
+            raise MeshError(f"{file} lists no objects: {wrong}")
     return {}
-
-
-def _check_positive(what: str, value: Any) -> None:
-    if not (isinstance(value, int | float) and np.isfinite(value) and value > 0):
-        raise MeshError(f"{what}={value}; give a positive number in SI units.")

@@ -3,9 +3,11 @@
 import pytest
 import yaml
 
-from feasigrasp.errors import ScenarioError
+from feasigrasp.errors import FeasigraspError, ScenarioError
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
+from feasigrasp_lab.paper.judge import no_judge
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 
@@ -143,3 +145,13 @@ def test_keys_of_older_releases_are_found_where_mappings_are_merged(tmp_path):
 def test_wrong_values_are_refused(text, message):
     with pytest.raises(ScenarioError, match=message):
         load_scenario(FILE, "ReachLinearMocap", text)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [("spcae: default", "options is 'spcae'; .*mean space"), ("horizon: far", "horizon is 'far'")],
+)
+def test_a_wrong_option_of_a_judge_is_named(options, message):
+    text = f"{{reachability: {{method: none, options: {{{options}}}}}}}"
+    with pytest.raises(FeasigraspError, match=message):
+        no_judge(load_scenario("ReachLinear", text), Reachability())

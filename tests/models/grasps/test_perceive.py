@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from feasigrasp.errors import GraspError
+from feasigrasp.errors import GraspError, PointCloudError
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.payload import BEST
 from feasigrasp.models.grasps.perceive import perceive
@@ -96,3 +96,10 @@ def test_real_clouds_are_completed_near_what_was_measured(name, shared_data):
     size = np.ptp(points, axis=0).max()
     assert np.ptp(found.gpdf.completion.points, axis=0).max() < 1.6 * size
     assert len(found.grasps) > 0
+
+
+@pytest.mark.parametrize("far", [1e9, 1e308])
+@pytest.mark.filterwarnings("ignore:overflow")
+def test_a_viewpoint_beyond_the_earth_is_refused(far):
+    with pytest.raises(PointCloudError, match="viewpoint holds 1e.* m, .*give metres"):
+        perceive(sphere(), viewpoint=(far, 0.0, 0.0))

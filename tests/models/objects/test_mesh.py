@@ -1,6 +1,7 @@
 """What is repaired in a mesh file, and what is refused with a mend."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -163,8 +164,26 @@ def test_unreadable_file(tmp_path, suffix):
 
 def test_points_without_faces(tmp_path):
     path = save(trimesh.PointCloud(box().vertices), tmp_path / "points.ply")
-    with pytest.raises(MeshError, match="points.ply: .*(no faces|not readable)"):
+    with pytest.raises(MeshError, match="points.ply: no faces, at most points; give a surface"):
         load_object(path)
+
+
+def test_a_folder_is_no_mesh(tmp_path):
+    (tmp_path / "folder.stl").mkdir()
+    with pytest.raises(MeshError, match="folder.stl: a folder; give the path of a mesh"):
+        load_object(tmp_path / "folder.stl")
+    with pytest.raises(MeshError, match="is a folder.*FOLDER/NAME"):
+        load_object(tmp_path)
+
+
+def test_a_package_that_a_format_needs_is_named(tmp_path, monkeypatch):
+    def load_mesh(*_, **__):
+        raise ModuleNotFoundError("No module named 'lxml'", name="lxml")
+
+    monkeypatch.setattr(trimesh, "load_mesh", load_mesh)
+    (tmp_path / "a.3mf").touch()
+    with pytest.raises(MeshError, match="a.3mf: .*named .lxml.*install what it needs, or"):
+        load_object(tmp_path / "a.3mf")
 
 
 def test_open_mesh_counts_its_open_edges(tmp_path):
@@ -182,7 +201,7 @@ def test_bodies_joined_at_an_edge_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("size", "mend"),
     [
-        (50.0, r"scale=0\.001 \(millimetres\)"),
+        (50.0, r"scale=0\.001 \(millimetres\).*object: \{scale"),
         (5.0, r"scale=0\.01 \(centimetres\)"),
         (1e-4, "0.1 m"),
     ],
@@ -247,12 +266,40 @@ def test_scale_must_be_positive(scale):
         load_object("box", scale=scale)
 
 
-def test_catalogue_with_a_bad_mass(tmp_path):
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"mass_kg": -1}, "mass_kg = -1; give a finite number of at least 0.001"),
+        ({"mass_kg": 200}, "mass_kg = 200; .*at most 20"),
+        ({"mass": 1}, "no key 'mass'; do you mean mass_kg?"),
+        ({"material": 5}, "material is 5; give a str"),
+        ({"mesh": 5}, "mesh is 5; give a str"),
+        ({"color": None}, "color is None; give 4 entries"),
+        ({"color": [1, 0, 0, 255]}, r"color \[3\] = 255"),
+    ],
+)
+def test_catalogue_with_a_bad_entry(tmp_path, given, message):
     save(box(), tmp_path / "cube.obj")
-    entry = {"name": "cube", "mesh": "cube.obj", "mass_kg": -1}
-    (tmp_path / "objects.json").write_text(json.dumps({"objects": [entry]}))
-    with pytest.raises(MeshError, match="mass_kg=-1"):
-        load_object(tmp_path / "cube.obj")
+    entry = {"name": "cube", "mesh": "cube.obj", "description": "a cube"}
+    (tmp_path / "objects.json").write_text(json.dumps({"objects": [entry]}), encoding="utf-8-sig")
+    assert load_object(tmp_path / "cube").name == "cube"
+    (tmp_path / "objects.json").write_text(json.dumps({"objects": [entry | given]}))
+    for read in (lambda: load_object(tmp_path / "cube.obj"), lambda: find_objects(tmp_path)):
+        with pytest.raises(MeshError, match=f"objects.json: object 'cube': .*{message}"):
+            read()
+
+
+@pytest.mark.parametrize("text", ['{"objects": [],}', "[]", '{"objects": [{"name": "cube"}]}'])
+def test_a_broken_catalogue_is_not_passed_over(tmp_path, text):
+    save(box(), tmp_path / "cube.obj")
+    (tmp_path / "objects.json").write_text(text)
+    with pytest.raises(MeshError, match="objects.json lists no objects: .*(line 1|give)"):
+        find_objects(tmp_path)
+
+
+def test_an_object_has_a_color_that_there_is():
+    with pytest.raises(MeshError, match="RigidObject.color"):
+        replace(load_object("ball"), color=(0.0, 0.0, 0.0, 2.0))
 
 
 def test_folder_without_meshes(tmp_path):
