@@ -519,3 +519,13 @@ def test_a_key_that_only_older_releases_of_drake_have_is_read_where_it_changes_n
         parse_scenario(f"{{{step.replace('false', 'true')}}}")
     with pytest.raises(ScenarioError, match="has no key 'publish_evry_time_step'"):
         parse_scenario(f"{{{step.replace('every', 'evry')}}}")
+
+
+def test_a_motion_without_a_tag_keeps_the_kind_of_what_it_changes():
+    """As a value that is given alone changes nothing else."""
+    usual = load_scenario(FILE, "ReachBezier").motion
+    faster = load_scenario(FILE, "ReachBezier", "{motion: {speed: 0.6}}").motion
+    assert faster == replace(usual, speed=0.6)
+    with pytest.raises(ScenarioError, match="motion has no key 'rate'.*It has center, size, speed"):
+        load_scenario(FILE, "ReachBezier", "{motion: {rate: 0.6}}")
+    assert load_scenario(FILE, "ReachBezier", "{motion: !MotionConfig {rate: 0.6}}").motion.rate
