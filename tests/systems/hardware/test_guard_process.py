@@ -284,6 +284,15 @@ def test_what_breaks_a_run_off_is_in_its_record_and_leaves_the_log(monkeypatch):
     assert result.record["error"].startswith("ValueError: broken part (")
 
 
+@pytest.fixture
+def ctrl_c():
+    """Ctrl-C as usual; a shell's background processes ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_ends_the_wait_for_a_driver(monkeypatch):
     receive = control_loop.Intake.receive
 
