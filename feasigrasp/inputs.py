@@ -68,9 +68,9 @@ def read_yaml(text: str, error: type[FeasigraspError]) -> dict[str, Any]:
     Raises:
         FeasigraspError: Of the type ``error``: it is not YAML, or no such thing.
     """
-    compose_yaml(text, error)
+    root = compose_yaml(text, error)
     try:
-        content: dict[str, Any] = yaml.load(text, _Loader)
+        content: dict[str, Any] = _Loader("").construct_document(root)
     except (yaml.YAMLError, ValueError) as broken:
         raise error(f"not valid YAML: {' '.join(str(broken).split())}") from broken
     return content

@@ -23,7 +23,7 @@ from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.grasps.samplers import SamplerName
-from feasigrasp.models.quantities import POSE, Call, Refusal
+from feasigrasp.models.quantities import CONFIGURATION, POSE, Call, Refusal
 from feasigrasp.models.reach import Reachability, Situation, Verdict, feasible_poses
 from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.gripper_file import GRIPPERS, PACKAGED, load_gripper
@@ -97,7 +97,7 @@ def main(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm)
     bent = [0.0, 30.0, 0.0, -90.0, 0.0, 60.0, 0.0] if arm is IIWA_7 else np.rad2deg(arm.home)
     q = np.deg2rad(args.q or bent)
-    if len(q) != arm.joints or not np.abs(q).max() <= 4.0 * np.pi:
+    if len(q) != arm.joints or not np.abs(q).max() <= CONFIGURATION.most[0]:
         given = " ".join(f"{angle:g}" for angle in args.q)
         raise InputError(f"--q is {given}; give {arm.joints} angles in degrees, up to two turns")
     V_WO = np.array([0.0, 0.0, 0.0, *args.velocity])

@@ -49,7 +49,6 @@ from feasigrasp.runs.replay import (
 from feasigrasp.runs.results.interrupts import postponed_interrupt
 from feasigrasp.runs.results.provenance import git_revision, machine, own_files, versions
 from feasigrasp.runs.teleport import teleport
-from feasigrasp.scenario.checks import check_types_too
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
@@ -150,11 +149,8 @@ def run(
         live: Where to watch it.
         ghost: The replay shows the arm of this scenario, in another mode, as well, translucent.
     """
-    check_types_too(scenario)
     say = line.show if line else lambda text: None
     say("building the diagram")
-    # Made now: the revision may change while the simulation runs.
-    record = crash_record(scenario, name, "")
     with one_thread(), frozen():
         watched = live.meshcat if live else None
         meshcat = start_recording(watched) if replay else watched
@@ -163,6 +159,8 @@ def run(
             built = time.perf_counter()
             connect = partial(add_run_log, period=scenario.control.period) if log else None
             diagram = make_dynamic_grasp(scenario, meshcat, connect=connect)
+            # Made now: the revision may change while the simulation runs.
+            record = crash_record(scenario, name, "")
             tick_times = TickTimes(diagram.GetSubsystemByName("controller"))
             simulator = Simulator(diagram)
             ApplySimulatorConfig(scenario.simulator_config, simulator)

@@ -291,7 +291,7 @@ def _load(node: yaml.Node, defaults: Scenario) -> Scenario:
     """Reads the tree of a scenario, or of changes of ``defaults``."""
     replace_former_keys(node)
     move_keys(node, defaults)
-    motion = find(node, "motion")
+    motion = find(node, "motion")  # without a tag it changes that of the defaults
     if motion is not None and motion.tag == "tag:yaml.org,2002:map":
         motion.tag = f"!{type(defaults.motion).__name__}"
     check_keys(node, Scenario)

@@ -100,7 +100,7 @@ class RigidObject(Frozen):
 
 
 @dataclass(frozen=True)
-class Entry:
+class _Entry:
     """What a catalogue says of an object; of a mesh alone, what is usual."""
 
     name: str
@@ -110,14 +110,14 @@ class Entry:
     material: str = RigidObject.material
 
     @classmethod
-    def of(cls, file: Path, entry: dict[str, Any]) -> Entry:
+    def of(cls, file: Path, entry: dict[str, Any]) -> _Entry:
         """An entry of a file; keys for people, such as a description, are passed over."""
-        known = [field.name for field in fields(cls)]
+        names = [field.name for field in fields(cls)]
         try:
-            for key in entry.keys() - known:
-                if hint := nearest(key, set(known) - entry.keys()):
+            for key in entry.keys() - names:
+                if hint := nearest(key, set(names) - entry.keys()):
                     raise MeshError(f"it has no key {key!r}{hint}")
-            listed = cls(**{key: entry[key] for key in known if key in entry})
+            listed = cls(**{key: entry[key] for key in names if key in entry})
             check_fields(listed, MeshError)
         except MeshError as error:
             raise MeshError(f"{file}: object {entry['name']!r}: {error}") from None
@@ -246,7 +246,7 @@ def object_file(name_or_path: str | Path) -> Path:
     return _resolve(name_or_path)[0]
 
 
-def _resolve(name_or_path: str | Path) -> tuple[Path, Entry]:
+def _resolve(name_or_path: str | Path) -> tuple[Path, _Entry]:
     """The mesh file, and what a catalogue says about it (possibly nothing)."""
     name, path = str(name_or_path), Path(name_or_path)
     built_in = _read_catalogue(model_path("objects"))
@@ -257,7 +257,7 @@ def _resolve(name_or_path: str | Path) -> tuple[Path, Entry]:
             for entry in _read_catalogue(folder).values():
                 if (folder / entry.mesh).resolve() == path.resolve():
                     return path, entry
-        return path, Entry(path.stem)
+        return path, _Entry(path.stem)
     listed = _read_catalogue(path.parent) if path.parent != Path() else {}
     if path.name in listed:
         return path.parent / listed[path.name].mesh, listed[path.name]
@@ -268,7 +268,7 @@ def _resolve(name_or_path: str | Path) -> tuple[Path, Entry]:
     )
 
 
-def _read_catalogue(folder: Path) -> dict[str, Entry]:
+def _read_catalogue(folder: Path) -> dict[str, _Entry]:
     """Entries by name of the first JSON file of a folder that lists meshes; none if none does."""
     for file in sorted(folder.glob("*.json")):
         wrong = 'give {"objects": [{"name": "mine", "mesh": "mine.obj", "mass_kg": 0.3}]}'
@@ -279,7 +279,7 @@ def _read_catalogue(folder: Path) -> dict[str, Entry]:
         listed = content.get("objects") if isinstance(content, dict) else None
         keys = {"name", "mesh"}
         if isinstance(listed, list) and all(isinstance(e, dict) and keys <= set(e) for e in listed):
-            return {str(entry["name"]): Entry.of(file, entry) for entry in listed}
+            return {str(entry["name"]): _Entry.of(file, entry) for entry in listed}
         if file.name == "objects.json":  # no other file that happens to lie there
             raise MeshError(f"{file} lists no objects: {wrong}")
     return {}

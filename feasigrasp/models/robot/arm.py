@@ -158,10 +158,10 @@ class Arm(Frozen):
         arrays = {k: np.array(v) for k, v in vars(self).items() if isinstance(v, np.ndarray)}
         if not np.allclose(np.linalg.norm(self.axes, axis=1), 1.0, rtol=0.0, atol=1e-9):
             raise ArgumentError(f"Arm.axes = {self.axes.tolist()}; give unit vectors")
-        known = {Family.PARALLEL: (6,), Family.SEEDED: (6, 7)}.get(self.family, (7,))
-        if self.joints not in known:
+        sizes = {Family.PARALLEL: (6,), Family.SEEDED: (6, 7)}.get(self.family, (7,))
+        if self.joints not in sizes:
             raise ArgumentError(
-                f"{self.name} has {self.joints} joints; arms of {' or '.join(map(str, known))} are "
+                f"{self.name} has {self.joints} joints; arms of {' or '.join(map(str, sizes))} are "
                 f"supported as {self.family.name.lower()}"
             )
         if self.family == Family.SRS and not np.array_equal(self.lower, -self.upper):

@@ -99,7 +99,8 @@ def arm_from(given: dict[str, Any]) -> Arm:
     names = [family.name.lower() for family in Family]
     family = parse_word(names, given["family"].lower(), "family", ArgumentError)
     margin = np.deg2rad(1.0)
-    for wrong in _contradictions(given, max(margin, given["position_margin"])):
+    wrong = next(_contradictions(given, max(margin, given["position_margin"])), None)
+    if wrong is not None:
         raise ArgumentError(wrong)
     numbers = {
         attribute: np.array([joint[key] for joint in joints], dtype=float)
@@ -131,8 +132,8 @@ def arm_from(given: dict[str, Any]) -> Arm:
     )
 
 
-def _contradictions(given: dict[str, Any], room: float) -> Iterator[str]:
-    """What is wrong between the entries of a file; ``room`` is that of homes at limits [rad]."""
+def _contradictions(given: dict[str, Any], margin: float) -> Iterator[str]:
+    """Contradictions between entries of a file; ``margin`` is from home to the limits [rad]."""
     joints, links, name = given["joints"], given["links"], given["name"]
     last, taken = len(joints) + len(HAND_NAMES), ("gripper", "camera", "table")
     if not re.fullmatch("[A-Za-z]\\w*", name, re.ASCII) or name in taken:
@@ -141,10 +142,10 @@ def _contradictions(given: dict[str, Any], room: float) -> Iterator[str]:
         yield f"links has {len(links)} entries; give {n}, the base and one for each joint"
     for i, joint in enumerate(joints):
         lower, home, upper = joint["lower"], joint["home"], joint["upper"]
-        if not lower + room <= home <= upper - room:
+        if not lower + margin <= home <= upper - margin:
             yield (
                 f"joints [{i}] has lower {lower:g}, home {home:g} and upper {upper:g}; give them "
-                f"in this order, home {room:.3g} rad off both"
+                f"in this order, home {margin:.3g} rad off both"
             )
     for i, link in enumerate(links):
         xx, yy, zz, xy, xz, yz = link["inertia"]
