@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from feasigrasp.scenario.files import load_scenario
-from tools import same_runs
+from tools import same_runs, stored
 
 LOG = {"time": np.arange(3.0), "phase": np.array([0, 1, 1], np.int8), "q": np.full((3, 7), np.nan)}
 
@@ -25,16 +25,25 @@ def test_one_bit_makes_two_logs_differ(tmp_path, change, found):
     assert same_runs.differences(tmp_path / "one.npz", tmp_path / "other.npz") == found
 
 
-def test_a_revision_stands_for_itself_unless_runs_were_compared(monkeypatch, tmp_path):
+def test_a_revision_stands_for_itself_unless_runs_of_the_kind_were_compared(monkeypatch, tmp_path):
     notes = tmp_path / "same_runs.yaml"
-    notes.write_text("runs: []\nsame: {aaaa: bbbb}\n")
+    notes.write_text("same: {camera: {aaaa: bbbb}, pose given: {}}\n")
     monkeypatch.setattr(same_runs, "RUNS", notes)
-    assert same_runs.stands_for("aaaa") == "bbbb"
-    assert same_runs.stands_for("cccc") == "cccc"
+    assert same_runs.stands_for("aaaa", "camera") == "bbbb"
+    assert same_runs.stands_for("aaaa", "pose given") == "aaaa"
+    assert same_runs.stands_for("cccc", "camera") == "cccc"
 
 
-def test_the_reference_runs_are_of_scenarios_that_there_are():
-    runs = yaml.safe_load(same_runs.RUNS.read_text())["runs"]
-    assert len({*runs}) == len(runs) >= 12
+@pytest.mark.parametrize("kind", ["camera", "pose given"])
+def test_the_reference_runs_are_of_their_kind(kind):
+    runs = yaml.safe_load(same_runs.RUNS.read_text())["runs"][kind]
+    assert len({*runs}) == len(runs) >= 6
     for words in runs:
-        load_scenario(words.split()[0])
+        tracker = load_scenario(words.split()[0]).tracker.kind
+        assert (tracker == "camera") == (kind == "camera")
+
+
+def test_stored_rows_are_of_the_kind_that_their_command_ran():
+    for name, kind in {"dynamic_test_camera": "camera", "dynamic_test": "pose given"}.items():
+        assert stored.read(name).kind == kind
+    assert stored.read("static_honest").kind == "pose given"

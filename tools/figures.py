@@ -255,7 +255,7 @@ def _is_success(name: str, other: str, preset: str) -> bool:
 def outdated(page: str) -> dict[str, list[str]]:
     """Stored files of a page's tables whose runs' code has changed since, with the paths.
 
-    A later revision that gave the same reference runs stands for the one of the file.
+    A later revision that gave the same reference runs of its kind stands for that of the file.
 
     Raises:
         subprocess.CalledProcessError: A revision is not in the repository.
@@ -264,9 +264,11 @@ def outdated(page: str) -> dict[str, list[str]]:
     sources: dict[str, Stored] = {}
     for _, name, _ in _TABLE.findall(page):
         list(_lines(tables[name]["lines"], sources, STORE))
-    measured = {name: stored.git for name, stored in sources.items() if stored.git}
-    changed = {git: changed_since(stands_for(git)) for git in {*measured.values()}}
-    return {name: changed[git] for name, git in measured.items() if changed[git]}
+    since = {
+        name: stands_for(stored.git, stored.kind) for name, stored in sources.items() if stored.git
+    }
+    changed = {git: changed_since(git) for git in {*since.values()}}
+    return {name: changed[git] for name, git in since.items() if changed[git]}
 
 
 #: Columns that are no rows of summaries.

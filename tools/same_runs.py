@@ -1,8 +1,9 @@
 """Whether this code gives the runs of an older revision: reference runs of both, bit for bit.
 
 ``python tools/same_runs.py REVISION`` runs each line of ``tools/same_runs.yaml`` in a checkout of
-the revision and in one of HEAD, and compares all logged positions, commands and poses. If all are
-equal, it notes HEAD in the file, and figures of that revision count as figures of HEAD.
+the revision and in one of HEAD, and compares all logged positions, commands and poses. Of each kind
+of runs, by the camera alone or with the object's pose given, of which all are equal, it notes HEAD
+in the file: figures of that kind and revision count as figures of HEAD.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from tools.stored import ROOT
 RUNS = Path(__file__).with_name("same_runs.yaml")
 
 
-def stands_for(revision: str) -> str:
-    """The latest revision that gave the reference runs of this one, or itself."""
-    return str(yaml.safe_load(RUNS.read_text())["same"].get(revision, revision))
+def stands_for(revision: str, kind: str) -> str:
+    """The latest revision that gave the reference runs of a kind of this one, or itself."""
+    return str(yaml.safe_load(RUNS.read_text())["same"][kind].get(revision, revision))
 
 
 def _short(revision: str) -> str:
@@ -83,17 +84,19 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("revision", help="the older revision")
     revision, head = _short(parser.parse_args().revision), _short("HEAD")
-    content = yaml.safe_load(RUNS.read_text())
-    found = []
+    content, differ = yaml.safe_load(RUNS.read_text()), False
     with _checkout(revision) as then, _checkout(head) as now:
-        for words in content["runs"]:
-            found += (differs := differences(_log(now, words), _log(then, words)))
-            print(f"{words}: {', '.join(differs) or 'the same'}", flush=True)
-    if found:
-        return 1
+        for kind, runs in content["runs"].items():
+            found = []
+            for words in runs:
+                found += (differs := differences(_log(now, words), _log(then, words)))
+                print(f"{words}: {', '.join(differs) or 'the same'}", flush=True)
+            if not found:
+                content["same"][kind][revision] = head
+            differ |= bool(found)
     lines = RUNS.read_text().partition("same:")[0]
-    RUNS.write_text(lines + yaml.safe_dump({"same": content["same"] | {revision: head}}))
-    return 0
+    RUNS.write_text(lines + yaml.safe_dump({"same": content["same"]}))
+    return int(differ)
 
 
 if __name__ == "__main__":

@@ -52,6 +52,12 @@ class Stored:
     rows: dict[tuple[str, str], Row] = field(repr=False)
     more: dict[str, Any] = field(default_factory=dict, repr=False)
 
+    @property
+    def kind(self) -> str:
+        """That of its runs: by the ``camera`` alone, or with the object's ``pose given``."""
+        tracking = self.more.get("conditions", {}).get("tracking", "")
+        return "pose given" if tracking.startswith("true pose") else "camera"
+
     def age(self, commit: int) -> str:
         """Revision and age, counted to a later commit."""
         if not self.git:
