@@ -32,6 +32,7 @@ def test_a_revision_stands_for_itself_unless_runs_of_the_kind_were_compared(monk
     assert same_runs.stands_for("aaaa", "camera") == "bbbb"
     assert same_runs.stands_for("aaaa", "pose given") == "aaaa"
     assert same_runs.stands_for("cccc", "camera") == "cccc"
+    assert same_runs.stands_for("aaaa", "other") == "aaaa"
 
 
 @pytest.mark.parametrize("kind", ["camera", "pose given"])
@@ -44,6 +45,9 @@ def test_the_reference_runs_are_of_their_kind(kind):
 
 
 def test_stored_rows_are_of_the_kind_that_their_command_ran():
-    for name, kind in {"dynamic_test_camera": "camera", "dynamic_test": "pose given"}.items():
-        assert stored.read(name).kind == kind
-    assert stored.read("static_honest").kind == "pose given"
+    for kind, names in {
+        "camera": ["dynamic_test_camera", "dynamic_obstacle_camera"],
+        "pose given": ["dynamic_test", "static_honest"],
+        "other": ["bench_control", "tracking", "paper"],
+    }.items():
+        assert [stored.read(name).kind for name in names] == [kind] * len(names)

@@ -28,7 +28,8 @@ RUNS = Path(__file__).with_name("same_runs.yaml")
 
 def stands_for(revision: str, kind: str) -> str:
     """The latest revision that gave the reference runs of a kind of this one, or itself."""
-    return str(yaml.safe_load(RUNS.read_text())["same"][kind].get(revision, revision))
+    same = yaml.safe_load(RUNS.read_text())["same"]
+    return str(same.get(kind, {}).get(revision, revision))
 
 
 def _short(revision: str) -> str:

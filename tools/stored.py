@@ -54,9 +54,11 @@ class Stored:
 
     @property
     def kind(self) -> str:
-        """That of its runs: by the ``camera`` alone, or with the object's ``pose given``."""
-        tracking = self.more.get("conditions", {}).get("tracking", "")
-        return "pose given" if tracking.startswith("true pose") else "camera"
+        """Of its runs: by the ``camera`` alone, with the object's ``pose given``, or ``other``."""
+        tracking = self.more.get("conditions", {}).get("tracking")
+        if not isinstance(tracking, str):
+            return "other"  # no runs, or both
+        return "camera" if tracking.startswith("in the camera's") else "pose given"
 
     def age(self, commit: int) -> str:
         """Revision and age, counted to a later commit."""
