@@ -9,16 +9,16 @@ takes, and the acceleration a of O's origin; its error is ``e = [theta, p, dw, d
 The angular velocity is disturbed by white noise, and so is the acceleration, which dies away
 (Singer's model): slowly across the way, as an object that goes round keeps its acceleration, and
 soon along it, as starts and stops are short. The mean follows a circle: what of the acceleration is
-across the way turns with it, by the jerk ``-|a_across|^2 / |v|^2 v``. What a registration does not determine has no information in its measurement, and stays at what the filter
-expects. While nothing is measured, twist and acceleration die away: a wrong one must not carry the
-hand off. The covariance of the pose grows meanwhile as that of an object whose velocity changes:
-wide enough to look for it where it may have gone, and no wider, or what is found there would be
-anything.
+across the way turns with it, by the jerk ``-|a_across|^2 / |v|^2 v``. What a registration does not
+determine has no information in its measurement, and stays at what the filter expects. While nothing
+is measured, twist and acceleration die away: a wrong one must not carry the hand off. The
+covariance of the pose grows meanwhile as that of an object whose velocity changes: wide enough to
+look for it where it may have gone, and no wider, or what is found there would be anything.
 
 References: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation,
 sections 6.2, and 11.7 for turns; Singer, "Estimating optimal tracking filter performance for manned
-maneuvering targets", IEEE Trans. AES 6 (4), 1970; Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics",
-arXiv 1812.01537.
+maneuvering targets", IEEE Trans. AES 6 (4), 1970; Sola, Deray, Atchuthan, "A micro Lie theory for
+state estimation in robotics", arXiv 1812.01537.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ class TwistFilter(Frozen):
             self.pose(time, coasting=coasting),
             self.twist(time, coasting=coasting),
             F[12:, 12:] @ self.a_WO + turn,
-            F @ self.covariance @ F.T + (_coasting(dt) if coasting else _curving(dt)),
+            F @ self.covariance @ F.T + _process_noise(dt, coasting),
         )
 
     def gone_on(self, X_WO: Array, V_WO: Array) -> TwistFilter:
@@ -215,38 +215,21 @@ def _kept(dt: float, coasting: bool) -> Array:
     return np.repeat([left, left if coasting else 1.0], 3)
 
 
-def _curving(dt: float) -> Array:
-    """Covariance (15, 15) of what white noise does to angular velocity and acceleration."""
-    turn, go = TWIST_NOISE**2, JERK**2
-    return _spread(
-        {
-            (0, 0): turn * dt**3 / 3.0,
-            (0, 2): turn * dt**2 / 2.0,
-            (2, 2): turn * dt,
-            (1, 1): go * dt**5 / 20.0,
-            (1, 3): go * dt**4 / 8.0,
-            (1, 4): go * dt**3 / 6.0,
-            (3, 3): go * dt**3 / 3.0,
-            (3, 4): go * dt**2 / 2.0,
-            (4, 4): go * dt,
-        }
-    )
+def _process_noise(dt: float, coasting: bool) -> Array:
+    """Covariance (15, 15) of what white noise does to angular velocity and acceleration.
 
-
-def _coasting(dt: float) -> Array:
-    """The same of both velocities, and of an acceleration of which nothing is known any more."""
-    turn, go = TWIST_NOISE**2, _COASTING_NOISE**2
-    return _spread(
-        {
-            (0, 0): turn * dt**3 / 3.0,
-            (0, 2): turn * dt**2 / 2.0,
-            (2, 2): turn * dt,
-            (1, 1): go * dt**3 / 3.0,
-            (1, 3): go * dt**2 / 2.0,
-            (3, 3): go * dt,
-            (4, 4): _ACCELERATION_PRIOR**2,
-        }
-    )
+    Of one that coasts it disturbs the velocity, and the acceleration is not known any more.
+    """
+    turn, go = TWIST_NOISE**2, (_COASTING_NOISE if coasting else JERK) ** 2
+    moves = {(1, 1): dt**3 / 3.0, (1, 3): dt**2 / 2.0, (3, 3): dt}
+    if not coasting:
+        moves = {(1, 1): dt**5 / 20.0, (1, 3): dt**4 / 8.0, (1, 4): dt**3 / 6.0}
+        moves |= {(3, 3): dt**3 / 3.0, (3, 4): dt**2 / 2.0, (4, 4): dt}
+    turns = {(0, 0): dt**3 / 3.0, (0, 2): dt**2 / 2.0, (2, 2): dt}
+    noise = _spread({k: turn * x for k, x in turns.items()} | {k: go * x for k, x in moves.items()})
+    if coasting:
+        noise[12:, 12:] = _ACCELERATION_PRIOR**2 * np.eye(3)
+    return noise
 
 
 def _spread(blocks: dict[tuple[int, int], float]) -> Array:
