@@ -6,14 +6,14 @@ takes, and the acceleration a of O's origin; its error is ``e = [theta, p, dw, d
 
     theta' = theta + dt dw,    p' = p + dt dv + dt^2 / 2 da,    dv' = dv + dt da
 
-The angular velocity is disturbed by white noise, and so is the acceleration, which dies away
-(Singer's model): slowly across the way, as an object that goes round keeps its acceleration, and
-soon along it, as starts and stops are short. The mean follows a circle: what of the acceleration is
-across the way turns with it, by the jerk ``-|a_across|^2 / |v|^2 v``. What a registration does not
-determine has no information in its measurement, and stays at what the filter expects. While nothing
-is measured, twist and acceleration die away: a wrong one must not carry the hand off. The
-covariance of the pose grows meanwhile as that of an object whose velocity changes: wide enough to
-look for it where it may have gone, and no wider, or what is found there would be anything.
+The angular velocity is disturbed by white noise, and so is the acceleration. Along the way it dies
+away soon (Singer's model), as starts and stops are short; an object that goes round keeps it. The
+mean follows a circle: what of the acceleration is across the way turns with it, by the jerk
+``-|a_across|^2 / |v|^2 v``. What a registration does not determine has no information in its
+measurement, and stays at what the filter expects. While nothing is measured, twist and acceleration
+die away: a wrong one must not carry the hand off. The covariance of the pose grows meanwhile as
+that of an object whose velocity changes: wide enough to look for it where it may have gone, and no
+wider, or what is found there would be anything.
 
 References: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation,
 sections 6.2, and 11.7 for turns; Singer, "Estimating optimal tracking filter performance for manned
@@ -31,26 +31,22 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 
-#: How quickly the angular velocity changes [rad/s in 1 s]: square root of a density. The same of
-#: the velocity while nothing is measured [m/s in 1 s]. Source: guessed.
-TWIST_NOISE, _COASTING_NOISE = 0.1, 0.1
+#: How quickly the angular velocity changes [rad/s in 1 s], and while nothing is measured the
+#: velocity [m/s in 1 s]: square root of a density. Source: guessed.
+_TWIST_NOISE = 0.1
 #: What is known before the first image: standard deviations of the twist [rad/s, m/s] and the
 #: acceleration [m/s^2]. Source: guessed.
 TWIST_PRIOR, _ACCELERATION_PRIOR = (0.5, 0.4), 1.5
 _MOTION_PRIOR = np.repeat([*TWIST_PRIOR, _ACCELERATION_PRIOR], 3)
 #: A twist that is not measured dies away over this time [s]. Source: guessed.
 DECAY = 0.6
-#: Time constants of the acceleration across and along the way [s]. Source: the first guessed, the
-#: second among 0.02, 0.05 and 0.1 by the errors of velocity on recorded runs; all three are alike.
-_ACROSS, _ALONG = 0.5, 0.05
-#: How quickly the acceleration changes [m/s^2 in 1 s]: square root of a density. Source: among 2, 3
-#: and 5, likewise.
-JERK = 2.0
+#: Time constant of the acceleration along the way [s], and how quickly an acceleration changes
+#: [m/s^2 in 1 s], the square root of a density. Source: measured: the errors of velocity on twelve
+#: recorded runs with 0.02 to 0.1 s, and with 1 to 5.
+_ALONG, JERK = 0.05, 1.5
 #: Without an image the way turns for so long at most, and then goes straight on [s]. Source:
 #: guessed.
 _BENT = 0.1
-#: Slower than this, no direction is known [m/s]. Source: guessed.
-_STANDS = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,29 +85,32 @@ class TwistFilter(Frozen):
         return self.covariance[:6, :6]
 
     @cached_property
+    def _along(self) -> Array:
+        """Projection on the direction of motion, shape (3, 3); all is along that of one at rest."""
+        stands = 0.05  # slower than this, no direction is known [m/s]
+        v = self.V_WO[3:]
+        return np.eye(3) if v @ v < stands**2 else np.outer(v, v) / (v @ v)
+
+    @cached_property
     def jerk(self) -> Array:
         """Rate of the acceleration on a circle, shape (3,) [m/s^3]: it turns with the path."""
         tightest = 6.0  # what seems to turn more quickly is noise [rad/s]
-        v, a = self.V_WO[3:], self.a_WO
-        square = max(float(v @ v), _STANDS**2)
-        across = a - (a @ v) / square * v
-        return np.asarray(-min(float(across @ across) / square, tightest**2) * v)
+        v, across = self.V_WO[3:], self.a_WO - self._along @ self.a_WO
+        return -min(float(across @ across) / max(float(v @ v), 1e-12), tightest**2) * v
 
     def _integrals(self, dt: float) -> tuple[Array, Array, Array]:
         """What is left of an acceleration after ``dt``, and its integrals once and twice, (3, 3).
 
-        It is integrated for `_BENT` at most; all of that of an object that stands is along its way.
+        It is integrated for `_BENT` at most.
         """
-        v = self.V_WO[3:]
-        square = float(v @ v)
-        along = np.outer(v, v) / square if square > _STANDS**2 else np.eye(3)
-        left, once, twice = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
-        for part, lasts in ((along, _ALONG), (np.eye(3) - along, _ACROSS)):
-            gained = lasts * (1.0 - np.exp(-min(dt, _BENT) / lasts))
-            left += np.exp(-dt / lasts) * part
-            once += gained * part
-            twice += (lasts * (min(dt, _BENT) - gained) + max(dt - _BENT, 0.0) * gained) * part
-        return left, once, twice
+        along, across, bent = self._along, np.eye(3) - self._along, min(dt, _BENT)
+        gained = _ALONG * (1.0 - np.exp(-bent / _ALONG))
+        way = _ALONG * (bent - gained) + (dt - bent) * gained
+        return (
+            np.exp(-dt / _ALONG) * along + across,
+            gained * along + bent * across,
+            way * along + bent * (dt - 0.5 * bent) * across,
+        )
 
     def pose(self, time: float, *, coasting: bool = False) -> Array:
         """The pose expected at a time, shape (4, 4)."""
@@ -220,7 +219,7 @@ def _process_noise(dt: float, coasting: bool) -> Array:
 
     Of one that coasts it disturbs the velocity, and the acceleration is not known any more.
     """
-    turn, go = TWIST_NOISE**2, (_COASTING_NOISE if coasting else JERK) ** 2
+    turn, go = _TWIST_NOISE**2, (_TWIST_NOISE if coasting else JERK) ** 2
     moves = {(1, 1): dt**3 / 3.0, (1, 3): dt**2 / 2.0, (3, 3): dt}
     if not coasting:
         moves = {(1, 1): dt**5 / 20.0, (1, 3): dt**4 / 8.0, (1, 4): dt**3 / 6.0}
