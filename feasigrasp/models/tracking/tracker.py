@@ -220,7 +220,7 @@ def _along_its_path(before: FieldTrack, last: TwistFilter, gap: float) -> tuple[
         last: Where it was seen last.
         gap: How long ago [s].
     """
-    motion = MotionEstimate(before.measured_motion, last.time)
+    motion = MotionEstimate(before.measured_motion, last.time, last.X_WO)
     way = _SLOWING * (1.0 - np.exp(-gap / _SLOWING))
     X, after = future_poses(motion, last.X_WO, last.V_WO, [way, way + _STEP])
     return X, np.exp(-gap / _SLOWING) / _STEP * pose_error(X, after)
