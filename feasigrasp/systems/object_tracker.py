@@ -152,4 +152,4 @@ def _compile(noise: Noise) -> None:
     X, V = np.empty((4, 4)), np.empty(6)
     pose_kernel(motion, 0.02, X)
     twist_kernel(motion, 0.02, V)
-    predict_kernel(motion, 0.02, np.zeros(3), np.zeros(1), np.empty((1, 4, 4)))
+    predict_kernel(motion, 0.02, X, np.zeros(3), np.zeros(1), np.empty((1, 4, 4)))

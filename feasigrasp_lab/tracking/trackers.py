@@ -66,7 +66,9 @@ class OurTracker:
 
     def predicted(self, time: float, ahead: float) -> Array:
         """As the motion of the last seconds goes on."""
-        X: Array = MotionEstimate(self._now.track.motion, time).predict([ahead])[0]
+        track = self._now.track
+        X_WO = None if track.estimate is None else track.estimate.pose(time)
+        X: Array = MotionEstimate(track.motion, time, X_WO).predict([ahead])[0]
         return X
 
     @property

@@ -216,24 +216,18 @@ def _is_a_jump(s, t, X):
 
 
 @compiled
-def _turn_over(state, t, X, expected, noise):
+def _turn_over(s, X, expected, noise):
     """Goes on as before with another orientation, as if the object had always been in it.
 
     An object that is where it was expected has hardly been turned over: it looks much the same from
     two sides, or the estimate of its tracker has improved. Its path is still its path.
     """
-    s = parts(state)
-    dt = t - s.time[0]
     turn = np.ascontiguousarray(expected[:3, :3].T) @ np.ascontiguousarray(X[:3, :3])
-    s.p[:], s.R[:] = expected[:3, 3], X[:3, :3]
-    for i in range(3):
-        s.v[i] += dt * s.a[i]
     s.alpha[:] = 0.0
-    _propagate(s.covariance, dt, noise.jerk)
     _start(s.covariance_r, max(noise.rotation, _FLOOR))
     for k in range(int(s.stored[0])):
         s.path[k, 1:] = s.path[k, 1:].copy() @ turn
-    s.time[0], s.far_since[0] = t, np.nan
+    expected[:3, :3] = X[:3, :3]
 
 
 @compiled
@@ -242,7 +236,8 @@ def measure_kernel(state, t, X, noise):
 
     A pose that is not finite, or not later than the last one, is ignored. So is one that is far
     from where the object can be, until others confirm it; then the filter starts anew there, as it
-    does after a long silence. Where the orientation alone jumps, the motion goes on.
+    does after a long silence. An orientation that jumps where the position does not is not taken
+    in either until it is confirmed; the position is, and the motion goes on.
     """
     s = parts(state)
     if not np.isfinite(X.sum()) or t <= s.time[0]:
@@ -262,18 +257,24 @@ def measure_kernel(state, t, X, noise):
     sigma, sigma_r = max(noise.position, _FLOOR), max(noise.rotation, _FLOOR)
     far, far_r = np.linalg.norm(X[:3, 3] - expected[:3, 3]), np.linalg.norm(turn)
     likely, likely_r = 6.0 * np.sqrt(C[0, 0] + sigma**2), 6.0 * np.sqrt(C_r[0, 0] + sigma_r**2)
-    elsewhere = far > max(_JUMP, likely)
-    if elsewhere or far_r > max(_JUMP, likely_r):
-        if _is_a_jump(s, t, X):
-            if elsewhere:
-                _restart(state, t, X, noise)
-            else:
-                _turn_over(state, t, X, expected, noise)
+    elsewhere, turned = far > max(_JUMP, likely), far_r > max(_JUMP, likely_r)
+    lasts = (elsewhere or turned) and _is_a_jump(s, t, X)
+    if elsewhere:
+        if lasts:
+            _restart(state, t, X, noise)
             _remember(state, t)
         return
-    s.far_since[0] = np.nan
     s.covariance[:], s.covariance_r[:] = C, C_r
-    K, K_r = _gain(s.covariance, sigma), _gain(s.covariance_r, sigma_r)
+    if lasts:
+        _turn_over(s, X, expected, noise)
+    if turned:
+        turn[:] = 0.0
+        K_r = np.zeros(3)
+    else:
+        K_r = _gain(s.covariance_r, sigma_r)
+    if lasts or not turned:
+        s.far_since[0] = np.nan
+    K = _gain(s.covariance, sigma)
     correction = np.empty(3)
     for i in range(3):
         off = X[i, 3] - expected[i, 3]

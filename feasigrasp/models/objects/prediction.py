@@ -172,10 +172,9 @@ def _now(known, age, p, v):
 
 
 @compiled
-def velocity_kernel(state, now, v):
-    """Replaces a velocity ``v`` (3,) [m/s] of the object's origin, see `_now`."""
-    s, X = parts(state), np.empty((4, 4))
-    pose_kernel(state, now, X)
+def velocity_kernel(state, now, X, v):
+    """Replaces a velocity ``v`` (3,) [m/s] of the origin of an object at ``X``, see `_now`."""
+    s = parts(state)
     count, age = int(s.stored[0]), now - (s.due[0] - PATH_STEP)
     for i in range(3):
         known = oscillation_kernel(s.path[:, 0, i], count)
@@ -183,18 +182,18 @@ def velocity_kernel(state, now, v):
 
 
 @compiled
-def predict_kernel(state, now, v_WO, ahead, X):
+def predict_kernel(state, now, start, v_WO, ahead, X):
     """Writes poses (k, 4, 4) at the times ``now + ahead``, shape (k,) [s].
 
-    ``v_WO`` (3,) is how fast the object is where it is not on an oscillation [m/s].
+    ``start`` (4, 4) is the pose now; ``v_WO`` (3,) is how fast the object is where it is not on an
+    oscillation [m/s].
     """
     # A mean acceleration dies out over this time [s].
     dying = 1.5
     # Points over which the angular velocity is averaged.
     turn = 10
     s = parts(state)
-    start, V = np.empty((4, 4)), np.empty(6)
-    pose_kernel(state, now, start)
+    V = np.empty(6)
     twist_kernel(state, now, V)
     w = V[:3].copy()
     count = int(s.stored[0])
@@ -237,10 +236,12 @@ class MotionEstimate(Frozen):
     Attributes:
         state: State of the filter, shape (STATE_SIZE,).
         time: The time [s].
+        X_WO: Pose then, where a filter of its own follows it more closely, shape (4, 4).
     """
 
     state: Array
     time: float
+    X_WO: Array | None = None
 
     @property
     def known(self) -> bool:
@@ -253,8 +254,16 @@ class MotionEstimate(Frozen):
         As far as the path is an oscillation, it is that of the oscillation.
         """
         v = np.array(v_WO, dtype=float)
-        velocity_kernel(self.state, self.time, v)
+        velocity_kernel(self.state, self.time, self._pose(), v)
         return v
+
+    def _pose(self) -> Array:
+        """The pose now, shape (4, 4)."""
+        if self.X_WO is not None:
+            return np.array(self.X_WO)
+        X = np.empty((4, 4))
+        pose_kernel(self.state, self.time, X)
+        return X
 
     def predict(self, ahead: ArrayLike, v_WO: ArrayLike | None = None) -> Array:
         """Poses (k, 4, 4) of the object in the world.
@@ -267,7 +276,7 @@ class MotionEstimate(Frozen):
         X, V = np.empty((len(times), 4, 4)), np.empty(6)
         twist_kernel(self.state, self.time, V)
         v = V[3:] if v_WO is None else np.array(v_WO, dtype=float)
-        predict_kernel(self.state, self.time, v, times, X)
+        predict_kernel(self.state, self.time, self._pose(), v, times, X)
         return X
 
 

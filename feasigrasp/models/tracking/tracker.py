@@ -48,7 +48,7 @@ from feasigrasp.models.tracking.registration import (
     is_found,
     shows_model,
 )
-from feasigrasp.models.tracking.twist_filter import TwistFilter, jerk_of, moved, pose_error
+from feasigrasp.models.tracking.twist_filter import JERK, TwistFilter, moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
 
 #: Least points of a first view, and of any other: 2.3 cm at 0.5 m show 70. Source: measured.
@@ -220,7 +220,7 @@ def _along_its_path(before: FieldTrack, last: TwistFilter, gap: float) -> tuple[
         last: Where it was seen last.
         gap: How long ago [s].
     """
-    motion = MotionEstimate(before.measured_motion, last.time)
+    motion = MotionEstimate(before.measured_motion, last.time, last.X_WO)
     way = _SLOWING * (1.0 - np.exp(-gap / _SLOWING))
     X, after = future_poses(motion, last.X_WO, last.V_WO, [way, way + _STEP])
     return X, np.exp(-gap / _SLOWING) / _STEP * pose_error(X, after)
@@ -355,9 +355,9 @@ def _begun(before: FieldTrack, view: ObjectView, time: float) -> FieldTrack:
 def _passed_on(track: FieldTrack) -> FieldTrack:
     """With the pose taken in by the filter that predicts."""
     assert track.estimate is not None
-    motion, jerk = track.motion.copy(), jerk_of(track.estimate.a_WO)
+    motion = track.motion.copy()
     # What the tracked path is worth to the predictor of the motion [m, rad].
-    noise = Noise(1.5e-3, 8e-3, jerk=jerk)
+    noise = Noise(1.5e-3, 8e-3, jerk=JERK)
     measure_kernel(motion, track.image_time, np.array(track.estimate.X_WO), noise)
     seen = track.measured_at == track.image_time
     return replace(track, motion=motion, measured_motion=motion if seen else track.measured_motion)

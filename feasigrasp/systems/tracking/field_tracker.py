@@ -195,13 +195,14 @@ class FieldTracker(LeafSystem):
             return SpatialVelocity.Zero()
         V_WO = found.estimate.twist(time, coasting=state is TrackingState.COASTING)
         if state is TrackingState.TRACKING:  # by its path with less noise than by the last images
-            V_WO[3:] = MotionEstimate(found.motion, time).velocity(V_WO[3:])
+            X_WO = self._expected(found, state, time)
+            V_WO[3:] = MotionEstimate(found.motion, time, X_WO).velocity(V_WO[3:])
         return SpatialVelocity(V_WO)
 
     def _calc_motion(self, context: Context) -> MotionEstimate:
-        known = not self.tracking(context).lost
-        motion = self._known(context).motion.copy() if known else empty_state()
-        return MotionEstimate(motion, context.get_time())
+        tracking, time = self.tracking(context), context.get_time()
+        motion = empty_state() if tracking.lost else self._known(context).motion.copy()
+        return MotionEstimate(motion, time, tracking.expected)
 
 
 class _SecondCamera:

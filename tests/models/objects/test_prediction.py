@@ -159,7 +159,8 @@ def test_a_jump_is_believed_when_it_lasts(moved):
     state, before = estimate.state.copy(), estimate.predict([0.0, 0.2])
     for t in np.arange(1.0, 1.095, PERIOD):
         measure_kernel(state, t, CIRCLE.pose(t) @ moved, Noise())
-    np.testing.assert_array_equal(MotionEstimate(state, estimate.time).predict([0.0, 0.2]), before)
+    at_once = MotionEstimate(state, estimate.time).predict([0.0, 0.2])
+    np.testing.assert_allclose(at_once, before, atol=1e-4)
     for t in (1.1, 1.11):
         measure_kernel(state, t, CIRCLE.pose(t) @ moved, Noise())
     expected = CIRCLE.pose(t) @ moved
@@ -224,6 +225,33 @@ def test_what_is_turned_over_moves_on_as_before(angle):
     position, turn = off(Turned(CIRCLE, turned), MotionEstimate(state, float(t)))
     assert np.all(position < 3e-3)
     assert np.all(turn < 1e-2)
+
+
+def test_an_orientation_that_jumps_again_and_again_leaves_the_path_as_it_is():
+    """As that of a ball, which looks the same from all sides."""
+    state, rng = empty_state(), np.random.default_rng(0)
+    for t in np.arange(0.0, 6.0, 1.0 / 30.0):
+        turned = se3.make_pose(se3.so3_exp(rng.uniform(-1.0, 1.0, 3)), np.zeros(3))
+        measure_kernel(state, t, QUICK.pose(t) @ turned, Noise(1.5e-3, 8e-3, jerk=1.5))
+    position, _ = off(QUICK, MotionEstimate(state, float(t), QUICK.pose(t)))
+    assert np.all(position < 0.01)
+
+
+def test_a_prediction_goes_on_from_the_pose_of_a_better_filter():
+    """Of images that are 0.1 s old, by a filter that lags behind."""
+    state = empty_state()
+    for t in np.arange(0.0, 6.0, 1.0 / 30.0):
+        measure_kernel(state, t, QUICK.pose(t), Noise(1.5e-3, 8e-3, jerk=1.5))
+    now = float(t) + 0.1
+    alone, ahead = MotionEstimate(state, now), np.linspace(0.0, 1.0, 11)
+    start, true = QUICK.pose(now), np.array([QUICK.pose(now + s)[:3, 3] for s in ahead])
+    better = MotionEstimate(state, now, start)
+    np.testing.assert_allclose(better.predict([0.0])[0], start, atol=1e-12)
+    shifted = alone.predict(ahead)[:, :3, 3] - alone.predict([0.0])[0, :3, 3] + start[:3, 3]
+    worst = [
+        np.linalg.norm(p - true, axis=1).max() for p in (better.predict(ahead)[:, :3, 3], shifted)
+    ]
+    assert worst[0] < 4e-3 < 8e-3 < worst[1]
 
 
 class Turned:

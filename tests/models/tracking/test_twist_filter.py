@@ -122,21 +122,44 @@ def test_a_curve_is_followed_for_a_moment_and_then_straight_on():
     assert np.linalg.norm(bent(1.0)) < 0.25
 
 
-def test_an_acceleration_along_the_way_stays_and_one_across_turns_with_it():
-    v_WO = np.array([0.0, 0.0, 0.3])
+def test_an_acceleration_along_the_way_dies_soon_and_one_across_turns_with_it():
+    v_WO, t = np.array([0.0, 0.0, 0.3]), 0.08
     along = TwistFilter(0.0, X0, np.r_[np.zeros(3), v_WO], 4.0 * v_WO, np.eye(15))
-    way = along.pose(0.08)[:3, 3] - X0[:3, 3]
-    np.testing.assert_allclose(way, (0.08 + 2.0 * 0.08**2) * v_WO, atol=1e-12)
+    # v' = 4 v exp(-t / 0.05 s), integrated
+    way = t + 4.0 * 0.05 * (t - 0.05 * (1.0 - np.exp(-t / 0.05)))
+    np.testing.assert_allclose(along.pose(t)[:3, 3] - X0[:3, 3], way * v_WO, atol=1e-12)
     speed, radius = 0.45, 0.12
     X, v_WO = on_a_circle(0.0, speed, radius)
     inwards = -(speed**2) / radius**2 * X[:3, 3]
     across = TwistFilter(0.0, X, np.r_[np.zeros(3), v_WO], inwards, np.eye(15))
     # By Taylor's theorem what is left is at most r (v t / r)^4 / 24, and its derivative.
-    turned = speed * 0.08 / radius
-    X_later, v_later = on_a_circle(0.08, speed, radius)
-    off = across.pose(0.08)[:3, 3] - X_later[:3, 3]
+    turned = speed * t / radius
+    X_later, v_later = on_a_circle(t, speed, radius)
+    off = across.pose(t)[:3, 3] - X_later[:3, 3]
     assert np.linalg.norm(off) < 1.01 * radius * turned**4 / 24.0
-    assert np.linalg.norm(across.twist(0.08)[3:] - v_later) < 1.01 * speed * turned**3 / 6.0
+    assert np.linalg.norm(across.twist(t)[3:] - v_later) < 1.01 * speed * turned**3 / 6.0
+
+
+def test_an_object_that_stops_is_soon_expected_at_rest():
+    """It brakes within 0.12 s; a filter that takes the braking to go on expects it to come back.
+
+    That one expected up to 0.24 m/s, 0.1 s after the stop.
+    """
+    rng, speed, brakes, stop = np.random.default_rng(5), 0.3, 2.5, 1.0
+    noise = np.repeat((0.01, 0.002), 3)
+    estimate, known, fastest = TwistFilter.at_rest(0.0, X0), np.diag(noise**-2.0), []
+    for k in range(1, 46):
+        t = k * PERIOD
+        braking = max(0.0, min(t - stop, speed / brakes))
+        way = speed * min(t, stop) + speed * braking - 0.5 * brakes * braking**2
+        X_true = moved(X0, np.array([0.0, 0.0, 0.0, way, 0.0, 0.0]))
+        estimate = estimate.predicted(t)
+        z = pose_error(estimate.X_WO, moved(X_true, noise * rng.standard_normal(6)))
+        e = np.linalg.solve(known + np.linalg.inv(estimate.pose_covariance), known @ z)
+        estimate = estimate.measured(moved(estimate.X_WO, e), known)
+        if t > stop + speed / brakes + 0.1:  # an image that comes 70 ms late
+            fastest.append(np.linalg.norm(estimate.twist(t + 0.07)[3:]))
+    assert max(fastest) < 0.1
 
 
 def test_the_past_changes_nothing():
