@@ -1,8 +1,8 @@
 """Single-precision density of a Riemannian mixture for blocks of poses.
 
 They serve millions of poses, where speed decides and an error of 1e-5 in a log density does not
-matter (``feasigrasp bench reachability``, bench.em_pass_s); `feasigrasp_lab.mixtures.mixture`
-has the exact ones for one pose at a time. What makes them fast:
+matter; `feasigrasp_lab.mixtures.mixture` has the exact ones for one pose at a time. What makes them
+fast:
 
 * Structure of arrays: a block of poses is ``(7, BLOCK)``, quaternion wxyz and position, so that
   the compiler turns every loop over the poses into SIMD code.

@@ -200,21 +200,6 @@ def resampled(
     return Estimate(value, float(low), float(high), n)
 
 
-def roc_curve(score: Array, positive: Mask) -> tuple[Array, Array]:
-    """Shares of false and of true positives as the threshold falls, from (0, 0) to (1, 1).
-
-    Args:
-        score: Higher means more likely positive, shape (n,).
-        positive: The truth, shape (n,).
-    """
-    order = np.argsort(-score, kind="stable")
-    true = np.concatenate([[0.0], np.cumsum(positive[order])])
-    false = np.concatenate([[0.0], np.cumsum(~positive[order])])
-    # Between equal scores there is no threshold.
-    keep = np.concatenate([[True], np.diff(score[order]) != 0.0, [True]])
-    return false[keep] / max(false[-1], 1.0), true[keep] / max(true[-1], 1.0)
-
-
 def area_under_curve(score: Array, positive: Mask) -> Estimate:
     """Probability that a positive scores higher than a negative; ties count half.
 

@@ -25,7 +25,6 @@ from feasigrasp_lab.results.rows import Row, write_csv, write_summary
 from feasigrasp_lab.training.reachability.fit_mixture import LargeFit, fit_large_mixture
 from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp_lab.training.reachability.reachable_poses import (
-    IiwaArm,
     ReachedPoses,
     draw_all,
     manipulability_reference,
@@ -75,13 +74,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     start = time.perf_counter()
-    arm = IiwaArm()
     components = parse_components(args.components)
-    thin = manipulability_reference(arm) if args.weighting == Weighting.MANIPULABILITY else None
-    settings = _settings(args)
+    thin = manipulability_reference() if args.weighting == Weighting.MANIPULABILITY else None
+    settings = {"arm": "iiwa", **{name: getattr(args, name) for name in _DECISIVE}}
     fresh = not (args.out / "settings.json").is_file()
     _keep_folder(args.out, settings)
-    reached = draw_all(arm, args.samples, args.seed, args.out / "samples", args.jobs, thin=thin)
+    reached = draw_all(args.samples, args.seed, args.out / "samples", args.jobs, thin=thin)
     counts = {name: getattr(reached, name) for name in ReachedPoses._fields[2:]}
     counts["reached"] = len(reached.positions)
     print(", ".join(f"{value} {name}" for name, value in counts.items()))
@@ -112,7 +110,7 @@ def main(args: argparse.Namespace) -> int:
         preset = f"K={args.components}"
         rows.append(Row.plain("bench.reachability_fit_s", preset, seconds, "s", 1))
         rows.append(Row.plain("reachability.fit_memory_gb", preset, peak_memory_gb(), "GB", 1))
-    _write_bic(sorted(table), args.out)
+    write_csv(args.out / "bic.csv", sorted(table), ("components", "bic", "threshold"))
     write_summary(args.out / "summary.json", command, git, args.seed, rows, counts=counts)
     for k, value, threshold in table:
         print(f"K = {k:4d}   BIC {value:.6g}   99 % threshold {threshold:.3f}")
@@ -181,15 +179,6 @@ def _fit(
 def _bic(space: ReachableSpace) -> float:
     n = space.metadata["counts"]["fitted"]
     return bic(len(space.mixture), n, n * space.metadata["log_likelihood_per_pose"])
-
-
-def _write_bic(table: list[tuple[int, float, float]], out: Path) -> None:
-    write_csv(out / "bic.csv", table, ("components", "bic", "threshold"))
-
-
-def _settings(args: argparse.Namespace) -> dict[str, Any]:
-    """What decides the samples and the fits: a folder holds results of one such choice."""
-    return {"arm": "iiwa", **{name: getattr(args, name) for name in _DECISIVE}}
 
 
 def _keep_folder(out: Path, settings: dict[str, Any]) -> None:

@@ -16,16 +16,13 @@ import resource
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from joblib.externals.loky import get_reusable_executor
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.robot.capsules import capsule_model
-from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability
 from feasigrasp_lab.arm.self_collision import in_collision
@@ -36,23 +33,6 @@ FLOOR = 0.1
 #: Configurations of a part on disk; each part has its own stream of random numbers. Source:
 #: numerical.
 PART = 250_000
-
-
-class IiwaArm:
-    """The iiwa 7 with a hand at its flange; the end frame is the flange F."""
-
-    lower: ClassVar[Array] = IIWA_7.lower
-    upper: ClassVar[Array] = IIWA_7.upper
-    forward_kinematics = staticmethod(forward_kinematics)
-    manipulability = staticmethod(manipulability)
-
-    def __init__(self, gripper: ParallelGripper | None = None) -> None:
-        """Builds the capsules of the arm with a hand, which can collide with it."""
-        self._capsules = capsule_model(gripper or ParallelGripper())
-
-    def in_collision(self, q: ArrayLike) -> Mask:
-        """Which configurations (m, 7) are in self-collision, shape (m,)."""
-        return in_collision(q, self._capsules)
 
 
 class ReachedPoses(NamedTuple):
@@ -75,45 +55,39 @@ class ReachedPoses(NamedTuple):
     thinned: int
 
 
-def manipulability_reference(arm: IiwaArm) -> float:
+def manipulability_reference() -> float:
     """The manipulability from which on no draw is thinned out: exceeded by 1 draw in 10."""
-    rng = np.random.default_rng(0)
     # Configurations that the quantile is taken of. Source: guessed.
-    q = rng.uniform(arm.lower, arm.upper, (10_000, len(arm.lower)))
-    return float(np.quantile(arm.manipulability(q), 0.9))
+    q = IIWA_7.random_positions(np.random.default_rng(0), 10_000)
+    return float(np.quantile(manipulability(q), 0.9))
 
 
 def sample_reachable_poses(
-    arm: IiwaArm,
-    n: int,
-    rng: np.random.Generator,
-    *,
-    thin: float | None = None,
+    n: int, rng: np.random.Generator, *, thin: float | None = None
 ) -> ReachedPoses:
-    """Draws configurations and keeps the poses of those that are admissible.
+    """Draws configurations and keeps the flange poses of those that are admissible.
 
     Args:
-        arm: The arm.
         n: Number of configurations to draw; a few hundred thousand at a time.
         rng: Source of randomness.
         thin: Keep a draw of manipulability m with probability m / thin, see
             `manipulability_reference`; keep all by default.
     """
-    q = rng.uniform(arm.lower, arm.upper, (n, len(arm.lower)))
-    q = q[~arm.in_collision(q)]
-    X_WT = arm.forward_kinematics(q)
-    high = X_WT[:, 2, 3] >= FLOOR
+    q = IIWA_7.random_positions(rng, n)
+    q = q[~in_collision(q)]
+    X_WF = forward_kinematics(q)
+    high = X_WF[:, 2, 3] >= FLOOR
     n_free, n_high = len(q), int(high.sum())
     if thin is not None:
-        high[high] = rng.random(n_high) * thin < arm.manipulability(q[high])
-    X_WT = X_WT[high]
+        high[high] = rng.random(n_high) * thin < manipulability(q[high])
+    X_WF = X_WF[high]
     return ReachedPoses(
-        se3.quaternions(X_WT).astype(np.float32),
-        X_WT[:, :3, 3].astype(np.float32),
+        se3.quaternions(X_WF).astype(np.float32),
+        X_WF[:, :3, 3].astype(np.float32),
         drawn=n,
         colliding=n - n_free,
         low=n_free - n_high,
-        thinned=n_high - len(X_WT),
+        thinned=n_high - len(X_WF),
     )
 
 
@@ -125,22 +99,19 @@ def join(parts: Sequence[ReachedPoses]) -> ReachedPoses:
     )
 
 
-def draw_all(
-    arm: IiwaArm, n: int, seed: int, folder: Path, jobs: int, **options: Any
-) -> ReachedPoses:
+def draw_all(n: int, seed: int, folder: Path, jobs: int, *, thin: float | None) -> ReachedPoses:
     """Draws what a folder does not have yet; the result does not depend on what it has.
 
     Args:
-        arm: The arm.
         n: Number of configurations.
         seed: Seed of all of them.
         folder: Where the parts are kept.
         jobs: Processes at a time.
-        **options: See `sample_reachable_poses`.
+        thin: See `sample_reachable_poses`.
     """
     sizes = [min(PART, n - start) for start in range(0, n, PART)]
     files = [folder / f"part-{i:04d}.npz" for i in range(len(sizes))]
-    draw = partial(_draw_part, arm=arm, sizes=sizes, seed=seed, options=options)
+    draw = partial(_draw_part, sizes=sizes, seed=seed, thin=thin)
     make_shards(files, draw, jobs=jobs, desc="sampling")
     if jobs > 1:
         get_reusable_executor().shutdown(wait=True)  # what comes next needs the memory
@@ -153,11 +124,8 @@ def peak_memory_gb() -> float:
     return sum(u.ru_maxrss for u in usage) / 1e6
 
 
-def _draw_part(
-    file: Path, i: int, *, arm: IiwaArm, sizes: list[int], seed: int, options: dict[str, Any]
-) -> bool:
-    rng = np.random.default_rng([seed, i])
-    poses = sample_reachable_poses(arm, sizes[i], rng, **options)
+def _draw_part(file: Path, i: int, *, sizes: list[int], seed: int, thin: float | None) -> bool:
+    poses = sample_reachable_poses(sizes[i], np.random.default_rng([seed, i]), thin=thin)
     write_arrays(file, poses._asdict(), compressed=False)
     return True
 

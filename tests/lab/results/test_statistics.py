@@ -12,7 +12,6 @@ from feasigrasp_lab.results.statistics import (
     mean_of_objects,
     proportion,
     resampled,
-    roc_curve,
     share_of_objects,
 )
 
@@ -191,9 +190,6 @@ def test_area_under_the_curve_counts_pairs():
     higher = score[positive][:, None] - score[~positive]
     expected = np.mean((higher > 0) + 0.5 * (higher == 0))
     assert area_under_curve(score, positive).value == pytest.approx(expected)
-    false, true = roc_curve(score, positive)
-    assert np.trapezoid(true, false) == pytest.approx(expected)
-    assert (false[0], true[0], false[-1], true[-1]) == (0.0, 0.0, 1.0, 1.0)
 
 
 def test_interval_of_the_area_as_published():
