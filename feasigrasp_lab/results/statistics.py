@@ -216,15 +216,3 @@ def area_under_curve(score: Array, positive: Mask) -> Estimate:
     variance = area * (1.0 - area) + (n - 1) * (q1 - area**2) + (m - 1) * (q2 - area**2)
     half = _Z * math.sqrt(max(variance, 0.0) / (n * m))
     return Estimate(area, max(area - half, 0.0), min(area + half, 1.0), n + m)
-
-
-def average_precision(score: Array, positive: Mask) -> float:
-    """Mean of the precision at every positive as the threshold falls; ties in any order.
-
-    The area under the precision-recall curve without interpolation; NaN without a positive.
-    """
-    hits = positive[np.argsort(-score, kind="stable")].astype(float)
-    if not hits.any():
-        return float("nan")
-    precision = np.cumsum(hits) / np.arange(1, len(hits) + 1)
-    return float((precision * hits).sum() / hits.sum())

@@ -27,7 +27,6 @@ from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.runs.results.arguments import positive
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.measures.grasps import GRASPABLE, is_graspable
 from feasigrasp_lab.paper.judge import JudgeMethod
 from feasigrasp_lab.protocols.degradations import Change, both
 from feasigrasp_lab.protocols.tuned import rows_apart
@@ -47,6 +46,7 @@ from feasigrasp_lab.runs.run_plan import conditions_text, run_plan
 from feasigrasp_lab.runs.studies import Study
 from feasigrasp_lab.runs.summary import handling_rows
 from feasigrasp_lab.training.data.grasp_examples import true_input
+from feasigrasp_lab.training.data.grasp_labels import GRASPABLE, is_graspable
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 
 
