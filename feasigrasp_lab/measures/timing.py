@@ -7,7 +7,6 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import Any, NamedTuple, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -107,27 +106,16 @@ def time_cases(cases: Iterable[Case], seconds: float) -> list[Row]:
         ]
 
 
-def installed(module: str, package: str) -> bool:
-    """Whether a peer's module can be imported; says so if not."""
-    found = find_spec(module) is not None
-    if not found:
-        print(f"{package} is not installed: its rows are left out")
-    return found
-
-
-def report_bench(
-    args: argparse.Namespace, what: str, rows: Sequence[Row], table: str = "", **more: Any
-) -> None:
+def report_bench(args: argparse.Namespace, what: str, rows: Sequence[Row], **more: Any) -> None:
     """Writes ``timings.csv`` and ``summary.json`` and prints the rows.
 
     Args:
         args: Arguments of the command.
         what: The command without ``feasigrasp bench``, e.g. ``kinematics``.
         rows: The figures.
-        table: What is printed instead of all rows.
         **more: Further entries of the summary.
     """
     heads = ("name", "preset", "median", "low", "high", "unit", "repetitions")
     lines = [(r.name, r.preset, r.value, r.low, r.high, r.unit, r.n) for r in rows]
     write_csv(args.out / "timings.csv", lines, heads)
-    report_rows(args, f"bench {what}", rows, table, **more)
+    report_rows(args, f"bench {what}", rows, **more)
