@@ -59,7 +59,7 @@ ORDER = (
     ("lab.training.data", "lab.training.reachability"),
     ("lab.training",),
     ("lab.protocols",),
-    ("lab.measures", "lab.peers", "lab.runs"),
+    ("lab.peers", "lab.runs"),
     ("lab.report", "lab.tracking"),
     ("lab.bench", "lab.studies"),
     ("lab.commands",),

@@ -15,10 +15,10 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp_lab.arm.self_collision import in_collision
-from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
 from feasigrasp_lab.paper.ik_flow import IkFlow
 from feasigrasp_lab.peers.drake_arm import DrakeArm
 from feasigrasp_lab.results.arguments import add_common_arguments
+from feasigrasp_lab.results.timing import Case, report_bench, time_cases
 
 #: Configurations whose self-collision is tested in one call. Source: guessed.
 COLLISION_BATCH = 4096

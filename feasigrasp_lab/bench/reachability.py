@@ -21,11 +21,11 @@ from feasigrasp.models.reach.feasible_grasps import feasible_grasps
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation
 from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
 from feasigrasp_lab.paper.judge import JudgeMethod, PoseJudge
 from feasigrasp_lab.paper.predicted_reachability import KeepingRule, judge_grasps
 from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.rows import Row
+from feasigrasp_lab.results.timing import Case, report_bench, time_cases
 
 #: Grasps of a case. Source: guessed.
 GRASPS = 1024

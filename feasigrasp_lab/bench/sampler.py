@@ -26,9 +26,9 @@ from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp_lab.baselines.diffusion_sampler import DiffusionSampler
 from feasigrasp_lab.baselines.grasp_diffusion import load_grasp_diffusion
-from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
 from feasigrasp_lab.paper.grasp_network import torch_heads, trained_network
 from feasigrasp_lab.results.arguments import add_common_arguments, select_objects
+from feasigrasp_lab.results.timing import Case, report_bench, time_cases
 from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 #: Points of the field and of the network's input; points of the forward pass alone. Source:

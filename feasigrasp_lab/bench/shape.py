@@ -24,9 +24,9 @@ from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_field
 from feasigrasp.models.shape.node_sums import gram_lower
-from feasigrasp_lab.measures.timing import Case, Timing, cpu_time, report_bench, timing_row
 from feasigrasp_lab.paper.field import PAPER
 from feasigrasp_lab.results.arguments import add_common_arguments, select_objects
+from feasigrasp_lab.results.timing import Case, Timing, cpu_time, report_bench, timing_row
 
 #: Where the camera looks from, relative to the object's centre [m]. Source: guessed.
 CAMERA = np.array([0.35, 0.2, 0.3])

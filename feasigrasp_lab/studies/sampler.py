@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import zlib
 from collections.abc import Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from operator import itemgetter
 
 import numpy as np
@@ -28,7 +28,6 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.runs.results.arguments import positive
 from feasigrasp_lab.baselines.diffusion_sampler import DiffusionSampler
-from feasigrasp_lab.measures.timing import cpu_ms
 from feasigrasp_lab.paper.grasp_network import NETWORKS, trained_network
 from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.finished import Record, finish_all
@@ -57,7 +56,7 @@ GRIPPER = ParallelGripper()
 _ABOUT = ("object", "graspable", "view", "condition", "preset")
 #: Columns of the raw files, by kind of record.
 _COLUMNS = {
-    "set": (*_ABOUT, "grasps", "valid", "antipodal", "free", "top_valid", "cpu_ms"),
+    "set": (*_ABOUT, "grasps", "valid", "antipodal", "free", "top_valid"),
     "hold": (*_ABOUT, "held", "why"),
 }
 
@@ -116,11 +115,9 @@ def evaluate_object(name: str, what: str, views: int, held_views: int, seed: int
         for condition, count in CONDITIONS.items():
             about = base | {"view": view, "condition": condition}
             field = fuse_and_complete(seen[:count])
-            _ = field.completion
             for preset, sampler in make_samplers().items():
-                grasps, cpu = cpu_ms(partial(sampler, field))
-                record: Record = {"kind": "set", "preset": preset, "cpu_ms": cpu}
-                records.append(about | record | set_measures(grasps, truth))
+                record: Record = {"kind": "set", "preset": preset}
+                records.append(about | record | set_measures(sampler(field), truth))
             if condition == "1view" and view < held_views:
                 records += [about | record for record in _hold(obj, field)]
     return records

@@ -38,7 +38,7 @@ def a_set(name, condition, grasps, valid, graspable=1):
     return {
         "kind": "set", "object": name, "graspable": graspable, "view": 0, "preset": "default",
         "condition": condition, "grasps": grasps, "valid": valid, "antipodal": valid,
-        "free": grasps, "top_valid": int(valid > 0) if grasps else None, "cpu_ms": 1.0,
+        "free": grasps, "top_valid": int(valid > 0) if grasps else None,
     }  # fmt: skip
 
 

@@ -7,15 +7,13 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from feasigrasp_lab.results.rows import Row, report_rows, write_csv
 from feasigrasp_lab.results.statistics import Estimate
-
-Result = TypeVar("Result")
 
 #: Units that names of rows end in, and how many are a second.
 _PER_SECOND = {"us": 1e6, "ms": 1e3, "s": 1.0}
@@ -59,19 +57,6 @@ def cpu_time(function: Callable[[], object], seconds: float = 1.0) -> Timing:
     spread = int(0.98 * n**0.5) + 1
     low, high = times[max(n // 2 - spread, 0)], times[min(n // 2 + spread, n - 1)]
     return Timing(statistics.median(times), low, high, n)
-
-
-def cpu_ms(function: Callable[[], Result]) -> tuple[Result, float]:
-    """What a function returns, and the processor time that it took on one thread [ms].
-
-    The threads of a linear algebra library spin while they wait for each other. In the processor
-    time of the process all of them count, so that beside other work a call on two threads takes
-    many times what it needs: hence one, and its time alone.
-    """
-    with threadpool_limits(1):
-        start = time.thread_time()
-        result = function()
-        return result, 1e3 * (time.thread_time() - start)
 
 
 def _elapsed(function: Callable[[], object], calls: int) -> float:
