@@ -56,7 +56,7 @@ ORDER = (
     ("lab.networks", "lab.arm", "lab.mixtures"),
     ("lab.paper",),
     ("lab.results", "lab.baselines"),
-    ("lab.training.data", "lab.training.reachability"),
+    ("lab.training.data",),
     ("lab.training",),
     ("lab.protocols",),
     ("lab.peers", "lab.runs"),

@@ -39,9 +39,9 @@ from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
-from feasigrasp_lab.paper.controllers import PaperJointController, PaperTaskController
 from feasigrasp_lab.paper.joint_law import PaperJointOptions
-from feasigrasp_lab.peers.control import ArrayJointStep, ArrayTaskStep
+from feasigrasp_lab.paper.modes import PaperJointController, PaperTaskController
+from feasigrasp_lab.peers import ArrayJointStep, ArrayTaskStep
 from feasigrasp_lab.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
 from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.rows import Row

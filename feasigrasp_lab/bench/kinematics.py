@@ -14,9 +14,9 @@ import numpy as np
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp_lab.arm.self_collision import in_collision
+from feasigrasp_lab.arm import in_collision
 from feasigrasp_lab.paper.ik_flow import IkFlow
-from feasigrasp_lab.peers.drake_arm import DrakeArm
+from feasigrasp_lab.peers import DrakeArm
 from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.timing import Case, report_bench, time_cases
 

@@ -9,7 +9,7 @@ from feasigrasp.models.choices import ControlSpace
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.objects.predicted_poses import PredictionModel
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.protocols.degradations import Change, unchanged
+from feasigrasp_lab.protocols.changes import Change, unchanged
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.results.statistics import mean_of_objects

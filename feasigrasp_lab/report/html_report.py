@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from importlib import resources
@@ -28,7 +29,6 @@ from feasigrasp.outputs import write_text
 from feasigrasp.scenario.files import parse_scenario
 from feasigrasp_lab.protocols.tuned import TUNED
 from feasigrasp_lab.results.finished import Record
-from feasigrasp_lab.results.markdown import markdown_html
 from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.results.statistics import grouped
 from feasigrasp_lab.runs.isolated import run_isolated
@@ -204,3 +204,36 @@ def _failures_part(folder: Path, records: Mapping[Path, Record], replays: int) -
 
 def _data(picture: bytes) -> str:
     return f"data:image/png;base64,{base64.b64encode(picture).decode()}"
+
+
+def markdown_html(text: str, images: Mapping[str, str]) -> str:
+    """The Markdown that commands write, as HTML: headings, tables, images, code, bold, text.
+
+    Args:
+        text: The Markdown.
+        images: What stands for an image in the page, by its name in the text.
+    """
+    return "\n".join(_block_html(block, images) for block in text.strip().split("\n\n"))
+
+
+def _block_html(block: str, images: Mapping[str, str]) -> str:
+    if heading := re.fullmatch(r"(#+) (.*)", block):
+        level = len(heading[1])
+        return f"<h{level}>{_inline_html(heading[2])}</h{level}>"
+    if image := re.fullmatch(r"!\[(.*)\]\((.*)\)", block):
+        source = images.get(image[2], image[2])
+        return f'<img src="{html.escape(source)}" alt="{html.escape(image[1])}">'
+    if block.startswith("| "):
+        head, _, *lines = [line[2:-2].split(" | ") for line in block.splitlines()]
+        rows = [_row_html("th", head), *(_row_html("td", line) for line in lines)]
+        return f'<div class="wide"><table>{"".join(rows)}</table></div>'
+    return f"<p>{_inline_html(block)}</p>"
+
+
+def _row_html(tag: str, cells: Sequence[str]) -> str:
+    return f"<tr>{''.join(f'<{tag}>{_inline_html(cell)}</{tag}>' for cell in cells)}</tr>"
+
+
+def _inline_html(text: str) -> str:
+    escaped = re.sub(r"`([^`]*)`", r"<code>\1</code>", html.escape(text))
+    return re.sub(r"\*\*([^*]*)\*\*", r"<strong>\1</strong>", escaped)

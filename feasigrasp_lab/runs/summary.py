@@ -12,7 +12,7 @@ import numpy as np
 from feasigrasp.models.choices import SAFE
 from feasigrasp.runs.metrics.table import FIGURES, METRICS, Over
 from feasigrasp_lab.protocols.ablations import ablation_rows, controller_rows
-from feasigrasp_lab.protocols.speed import curve_point
+from feasigrasp_lab.protocols.changes import curve_point
 from feasigrasp_lab.protocols.tuned import rows_apart
 from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.results.statistics import grouped, mean_of_objects

@@ -16,8 +16,8 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.ik.self_motion import arm_angle, closed_form
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp_lab.arm.self_collision import in_collision, min_distance
-from feasigrasp_lab.peers.drake_arm import DrakeArm
+from feasigrasp_lab.arm import in_collision, min_distance
+from feasigrasp_lab.peers import DrakeArm
 from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.rows import Row, report_rows, write_csv
 

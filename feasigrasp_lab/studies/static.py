@@ -28,7 +28,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.runs.results.arguments import positive
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.paper.judge import JudgeMethod
-from feasigrasp_lab.protocols.degradations import Change, both
+from feasigrasp_lab.protocols.changes import Change, both
 from feasigrasp_lab.protocols.tuned import rows_apart
 from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
 from feasigrasp_lab.results.finished import Record, finish_all

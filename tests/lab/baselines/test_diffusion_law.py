@@ -10,12 +10,12 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp_lab.baselines.diffusion_energy import LENGTH
-from feasigrasp_lab.baselines.diffusion_law import (
+from feasigrasp_lab.baselines.grasp_diffusion import LAST_TIME, load_grasp_diffusion
+from feasigrasp_lab.baselines.grasp_diffusion_controller import (
     DiffusedField,
     DiffusionControlOptions,
     diffusion_velocity,
 )
-from feasigrasp_lab.baselines.grasp_diffusion import LAST_TIME, load_grasp_diffusion
 from feasigrasp_lab.paper.options import Law
 
 X_FG = ParallelGripper().X_FG

@@ -7,7 +7,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp_lab.baselines.nearest_law import (
+from feasigrasp_lab.baselines.nearest_grasp_controller import (
     NearestGrasp,
     NearestOptions,
     nearest_grasp,

@@ -11,7 +11,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp_lab.bench import control as bench_control
 from feasigrasp_lab.bench.control import V_WO, joint_probe, safe_probe, task_probe
-from feasigrasp_lab.peers.control import ArrayArm, ArrayJointStep, ArrayTaskStep, se3_log
+from feasigrasp_lab.peers import ArrayArm, ArrayJointStep, ArrayTaskStep, se3_log
 from feasigrasp_lab.results.timing import Timing, timing_row
 
 REACHABILITY = Reachability()

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from feasigrasp_lab.networks.vector_neurons import (
+from feasigrasp_lab.networks import (
     VectorLinear,
     VectorLinearReLU,
     across,

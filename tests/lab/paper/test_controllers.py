@@ -16,7 +16,7 @@ from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp_lab.baselines.nearest_grasp_controller import NearestGraspController
-from feasigrasp_lab.paper.controllers import (
+from feasigrasp_lab.paper.modes import (
     PaperJointController,
     PaperTaskController,
     Unenforced,

@@ -10,7 +10,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
-from feasigrasp_lab.training.reachability.reachable_poses import IiwaArm, sample_reachable_poses
+from feasigrasp_lab.training.fit_reachability import IiwaArm, sample_reachable_poses
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from feasigrasp.errors import ControlError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp_lab.baselines.nearest_law import NearestOptions
+from feasigrasp_lab.baselines.nearest_grasp_controller import NearestOptions
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.grasp_mixture import GraspMixture, fit_grasp_mixture
 from feasigrasp_lab.paper.predicted_reachability import judge_grasps

@@ -11,9 +11,8 @@ from matplotlib.image import imread
 from feasigrasp import cli
 from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.report.curves import FIGURE, curve_points
-from feasigrasp_lab.report.html_report import outcomes_of_rows, worst_failures
-from feasigrasp_lab.results.markdown import markdown_html, markdown_table
+from feasigrasp_lab.report.html_report import markdown_html, outcomes_of_rows, worst_failures
+from feasigrasp_lab.report.tables import FIGURE, curve_points, markdown_table
 from feasigrasp_lab.results.rows import Row
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.bench import kinematics as bench
-from feasigrasp_lab.peers.drake_arm import DrakeArm
+from feasigrasp_lab.peers import DrakeArm
 from feasigrasp_lab.results import timing
 from feasigrasp_lab.studies import kinematics as evaluate
 

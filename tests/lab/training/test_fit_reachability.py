@@ -60,7 +60,7 @@ def test_a_finished_part_is_not_drawn_again(fitted, monkeypatch, capsys):
     def fail(*args, **options):
         raise AssertionError("drawn or fitted again")
 
-    monkeypatch.setattr("feasigrasp_lab.training.reachability.reachable_poses._draw_part", fail)
+    monkeypatch.setattr("feasigrasp_lab.training.fit_reachability._draw_part", fail)
     monkeypatch.setattr("feasigrasp_lab.training.fit_reachability._fit", fail)
     assert cli.main([*FIT, "--out", str(fitted), "--components", "4,12"]) == 0
     assert "30000 drawn" in capsys.readouterr().out
@@ -72,7 +72,7 @@ def test_a_folder_of_other_settings_is_refused(fitted, capsys):
 
 
 def test_jobs_do_not_change_the_samples(fitted, tmp_path, monkeypatch):
-    monkeypatch.setattr("feasigrasp_lab.training.reachability.reachable_poses.PART", 10_000)
+    monkeypatch.setattr("feasigrasp_lab.training.fit_reachability.PART", 10_000)
     for jobs in ("1", "2"):
         out = tmp_path / jobs
         arguments = ["--samples", "30000", "--components", "2", "--out", str(out), "--jobs", jobs]

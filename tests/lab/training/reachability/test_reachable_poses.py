@@ -7,8 +7,8 @@ from feasigrasp.models.reach.kernels import REACHABLE, WRIST
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import manipulability
-from feasigrasp_lab.training.reachability import reachable_poses
-from feasigrasp_lab.training.reachability.reachable_poses import (
+from feasigrasp_lab.training import fit_reachability as reachable_poses
+from feasigrasp_lab.training.fit_reachability import (
     FLOOR,
     join,
     manipulability_reference,

@@ -24,7 +24,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp_lab.mixtures.fit import seed_means
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.float32_kernels import pack
-from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks, moments_of_blocks
+from feasigrasp_lab.training.pose_blocks import PoseBlocks, moments_of_blocks
 
 
 class Moments(NamedTuple):
