@@ -76,19 +76,18 @@ class VectorLinear(nn.Module):
 class VectorLinearReLU(nn.Module):
     """Mixes vectors, then takes from each what points against a learned direction.
 
-    With ``p = W v`` and the direction ``d = U v``: p where ``p . d >= 0``, and its part across d,
-    ``p - (p . d / |d|^2) d``, elsewhere.
+    With ``p = W v`` and the direction ``d = U v``, which all channels share: p where
+    ``p . d >= 0``, and its part across d, ``p - (p . d / |d|^2) d``, elsewhere.
 
     Args:
         inputs: Channels that come in.
         outputs: Channels that go out.
-        shared: Whether all channels share one direction.
     """
 
-    def __init__(self, inputs: int, outputs: int, shared: bool = True) -> None:
+    def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__()
         self.outputs = outputs
-        self.mix = VectorLinear(inputs, outputs + (1 if shared else outputs))
+        self.mix = VectorLinear(inputs, outputs + 1)
 
     def forward(self, vectors: Tensor) -> Tensor:
         """From vectors (..., 3, n, inputs) to (..., 3, n, outputs)."""

@@ -23,7 +23,8 @@ from feasigrasp.models.robot.capsules import hand_capsules
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture
-from feasigrasp_lab.paper.task_law import PaperTaskOptions
+from feasigrasp_lab.paper.options import PaperOptions
+from feasigrasp_lab.paper.task_law import GAINS
 
 #: An array of NumPy or a tensor of torch.
 AnyArray = Any
@@ -105,10 +106,10 @@ class ArrayTaskStep:
         xp: ModuleType,
         mixture: RiemannianMixture,
         X_FG: ArrayLike,
-        options: PaperTaskOptions | None = None,
+        options: PaperOptions | None = None,
     ) -> None:
         """A step over one mixture in the object frame."""
-        self.xp, self.options = xp, options or PaperTaskOptions()
+        self.xp, self.options = xp, options or PaperOptions()
         self._arm = ArrayArm(xp, X_FG)
         means = mixture.means
         self._R_GO = xp.asarray(np.swapaxes(means[:, :3, :3], 1, 2).copy())
@@ -129,7 +130,7 @@ class ArrayTaskStep:
         whitened = (self._precision @ xi[:, :, None])[:, :, 0]
         log_density = self._log_weight - 0.5 * xp.sum(xi * whitened, -1)
         r = xp.exp(log_density - xp.max(log_density))
-        u = -options.gain * (r @ xi) / xp.sum(r)
+        u = -options.gain_or(*GAINS) * (r @ xi) / xp.sum(r)
         carried = V_WO[3:] + _cross(xp, V_WO[None, :3], (p_WH - p_WO)[None])[0]
         V = xp.concatenate([R_WH @ u[:3] + V_WO[:3], R_WH @ u[3:] + carried])
         square = options.damping**2 * xp.eye(6, dtype=J.dtype)

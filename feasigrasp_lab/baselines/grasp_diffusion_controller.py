@@ -42,8 +42,9 @@ from feasigrasp_lab.baselines.grasp_diffusion import (
     noise_variance,
 )
 from feasigrasp_lab.baselines.nearest_grasp_controller import (
+    MAX_ANGULAR,
+    MAX_LINEAR,
     NearestGrasp,
-    NearestOptions,
     nearest_grasp,
     nearest_grasp_velocity,
 )
@@ -64,28 +65,6 @@ RATE = 5.0
 #: Gain of the ``gradient``: 5/s times the way that is left where the energy is that of noise of its
 #: least deviation, 0.03. Source: reasoned.
 GRADIENT_GAIN = 0.005
-
-
-@dataclass(frozen=True)
-class DiffusionControlOptions:
-    """Gains of the law.
-
-    Attributes:
-        law: See the head of this module.
-        gain: Rate at which the hand closes its distance [1/s], or what the gradient is multiplied
-            with [1/s].
-        max_linear: Largest speed relative to the object [m/s]; not for ``gradient``.
-        max_angular: Largest angular speed relative to the object [rad/s]; likewise.
-        damping: Of the pseudo-inverse.
-        feed_forward: Whether the object's twist is added.
-    """
-
-    law: str = Law.PRECONDITIONED
-    gain: float = RATE
-    max_linear: float = 0.4
-    max_angular: float = 1.5
-    damping: float = 0.02
-    feed_forward: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +164,7 @@ def diffusion_velocity(
     X_WO: Array,
     V_WO: Array,
     X_FG: Array,
-    options: DiffusionControlOptions,
+    options: PaperOptions,
 ) -> tuple[Array, Array, Array]:
     """Joint velocity down the energy by the damped pseudo-inverse, nothing enforced.
 
@@ -212,24 +191,18 @@ def diffusion_velocity(
         limits = np.inf, np.inf
     else:
         way = energy.way(X_OH)
-        limits = options.max_angular, options.max_linear
+        limits = MAX_ANGULAR, MAX_LINEAR
     V_O = np.array(V_WO if options.feed_forward else np.zeros(6), dtype=float)
     X_WO = np.ascontiguousarray(X_WO, dtype=float)
-    V_WH = hand_twist_kernel(options.gain * way, X_WH, X_WO, V_O, *limits)
-    return least_norm_kernel(J, V_WH, options.damping), J, V_WH
+    V_WH = hand_twist_kernel(options.gain_or(RATE, GRADIENT_GAIN) * way, X_WH, X_WO, V_O, *limits)
+    return least_norm_kernel(J, V_WH, float(options.damping)), J, V_WH
 
 
 def make_controller(
     scenario: Scenario, reachability: Reachability, safety: SafetyOptions
 ) -> GraspDiffusionController:
     """The controller ``diffusion`` of a scenario."""
-    given = PaperOptions.of(scenario)
-    options = DiffusionControlOptions(
-        law=given.law,
-        gain=given.gain or (GRADIENT_GAIN if given.law == Law.GRADIENT else RATE),
-        damping=given.damping,
-        feed_forward=given.feed_forward,
-    )
+    options = PaperOptions.of(scenario)
     make = GraspDiffusionController if scenario.control.safe else _Unenforced
     return make(reachability, options, safety=safety, period=scenario.reachability.period)
 
@@ -251,7 +224,7 @@ class GraspDiffusionController(GraspController):
     def __init__(
         self,
         reachability: Reachability,
-        options: DiffusionControlOptions | None = None,
+        options: PaperOptions | None = None,
         *,
         diffusion: GraspDiffusion | None = None,
         safety: SafetyOptions | None = None,
@@ -270,7 +243,7 @@ class GraspDiffusionController(GraspController):
             WeightsError: The energy's weights are missing or broken.
         """
         super().__init__(reachability, DiffusedField(), safety=safety, period=period)
-        self._options = options or DiffusionControlOptions()
+        self._options = options or PaperOptions()
         self._diffusion = diffusion or load_grasp_diffusion()
         torch.set_num_threads(1)
         declare_output(
@@ -296,7 +269,7 @@ class GraspDiffusionController(GraspController):
         if len(inputs.grasps) == 0:
             return self.enforced(np.zeros(IIWA_7.joints), inputs)
         if memory.grasp:
-            near = NearestOptions(feed_forward=options.feed_forward)
+            near = PaperOptions(feed_forward=options.feed_forward)
             qd = nearest_grasp_velocity(q, memory.grasp, X_WO, V_WO, self.reachability, near)
             return self.enforced(qd, inputs)
         X_FG = self.reachability.gripper.X_FG

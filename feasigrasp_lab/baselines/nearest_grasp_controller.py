@@ -29,25 +29,11 @@ from feasigrasp_lab.paper.task_law import hand_twist_kernel, least_norm_kernel
 SAVED = 0.2
 
 
-@dataclass(frozen=True)
-class NearestOptions:
-    """Gains of the law.
-
-    Attributes:
-        gain: Rate at which the hand closes its distance to the grasp [1/s].
-        max_linear: Largest speed relative to the object [m/s].
-        max_angular: Largest angular speed relative to the object [rad/s].
-        damping: Of the pseudo-inverse.
-        feed_forward: Whether the object's twist is added.
-        corridor: The way into the grasp.
-    """
-
-    gain: float = 5.0
-    max_linear: float = 0.4
-    max_angular: float = 1.5
-    damping: float = 0.02
-    feed_forward: bool = True
-    corridor: ApproachCorridor = field(default_factory=ApproachCorridor)
+#: Rate at which the hand closes its distance to the grasp [1/s], and the largest speed and angular
+#: speed relative to the object [m/s], [rad/s]. Source: guessed.
+GAIN, MAX_LINEAR, MAX_ANGULAR = 5.0, 0.4, 1.5
+#: The way into the grasp.
+_CORRIDOR = ApproachCorridor()
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +88,7 @@ def nearest_grasp_velocity(
     X_WO: Array,
     V_WO: Array,
     reachability: Reachability,
-    options: NearestOptions,
+    options: PaperOptions,
 ) -> Array:
     """Joint velocity of the damped pseudo-inverse towards the grasp, nothing enforced.
 
@@ -112,7 +98,7 @@ def nearest_grasp_velocity(
         X_WO: Object pose, shape (4, 4).
         V_WO: Object twist [angular; linear], shape (6,).
         reachability: Test of the grasp.
-        options: Gains.
+        options: Gain, damping and feed-forward.
 
     Returns:
         Joint velocity [rad/s], shape (7,); zero without a grasp in reach, or if anything is not
@@ -124,15 +110,16 @@ def nearest_grasp_velocity(
     X_WH, J_WH = pose_and_jacobian(q, reachability.gripper.X_FG)
     X_OH = se3.inverse(X_WO) @ X_WH
     X_OT = grasp.X_OG.copy()
-    X_OT[:3, 3] -= standoff_kernel(X_OT, X_OH, options.corridor.parameters) * X_OT[:3, 2]
-    u_H = -options.gain * se3.log(se3.inverse(X_OT) @ X_OH)
+    X_OT[:3, 3] -= standoff_kernel(X_OT, X_OH, _CORRIDOR.parameters) * X_OT[:3, 2]
+    gain = float(options.gain) or GAIN
+    u_H = -gain * se3.log(se3.inverse(X_OT) @ X_OH)
     V_O = np.array(V_WO if options.feed_forward else np.zeros(6), dtype=float)
-    limits = options.max_angular, options.max_linear
+    limits = MAX_ANGULAR, MAX_LINEAR
     V_WH = hand_twist_kernel(u_H, X_WH, np.ascontiguousarray(X_WO, dtype=float), V_O, *limits)
     J = np.ascontiguousarray(J_WH)
     fastest = IIWA_7.velocity_limits
-    to_solution = np.clip(options.gain * (grasp.q - q), -fastest, fastest)
-    qd: Array = to_solution + least_norm_kernel(J, V_WH - J @ to_solution, options.damping)
+    to_solution = np.clip(gain * (grasp.q - q), -fastest, fastest)
+    qd: Array = to_solution + least_norm_kernel(J, V_WH - J @ to_solution, float(options.damping))
     return qd if np.isfinite(qd).all() else np.zeros(len(qd))
 
 
@@ -140,12 +127,7 @@ def make_controller(
     scenario: Scenario, reachability: Reachability, safety: SafetyOptions
 ) -> NearestGraspController:
     """The controller ``nearest`` of a scenario."""
-    given = PaperOptions.of(scenario)
-    options = NearestOptions(
-        gain=given.gain or NearestOptions.gain,
-        damping=given.damping,
-        feed_forward=given.feed_forward,
-    )
+    options = PaperOptions.of(scenario)
     make = NearestGraspController if scenario.control.safe else _Unenforced
     return make(reachability, options, safety=safety, period=scenario.reachability.period)
 
@@ -161,14 +143,14 @@ class NearestGraspController(GraspController):
     def __init__(
         self,
         reachability: Reachability,
-        options: NearestOptions | None = None,
+        options: PaperOptions | None = None,
         *,
         safety: SafetyOptions | None = None,
         period: float = ReachabilityConfig.period,
     ) -> None:
         """A controller; arguments as of `GraspController`, and the gains of the law."""
         super().__init__(reachability, NearestGrasp(), safety=safety, period=period)
-        self._options = options or NearestOptions()
+        self._options = options or PaperOptions()
         self.warm_up()
 
     def update(self, memory: NearestGrasp, inputs: ControllerInputs) -> NearestGrasp:

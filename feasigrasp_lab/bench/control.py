@@ -39,8 +39,8 @@ from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
-from feasigrasp_lab.paper.joint_law import PaperJointOptions
 from feasigrasp_lab.paper.modes import PaperJointController, PaperTaskController
+from feasigrasp_lab.paper.options import PaperOptions
 from feasigrasp_lab.peers import ArrayJointStep, ArrayTaskStep
 from feasigrasp_lab.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
 from feasigrasp_lab.results.arguments import add_common_arguments
@@ -275,7 +275,7 @@ def joint_probe(reachability: Reachability, N: int, seed: int) -> ControllerProb
     Raises:
         RuntimeError: It found fewer.
     """
-    rng, options = np.random.default_rng(seed), PaperJointOptions(n_solutions=N)
+    rng, options = np.random.default_rng(seed), PaperOptions(n_solutions=N)
     grasps = _some(reachability, N, rng)
     controller = PaperJointController(reachability, options, period=0.05)
     probe = ControllerProbe(controller, grasps, rng)

@@ -33,11 +33,10 @@ from feasigrasp.systems.controller_inputs import ControllerInputs
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.velocity_drive import VelocityDrive
 from feasigrasp_lab.paper.grasp_mixture import MixtureMemory
-from feasigrasp_lab.paper.joint_law import PaperJointControl, PaperJointOptions
+from feasigrasp_lab.paper.joint_law import PaperJointControl
 from feasigrasp_lab.paper.options import Law, PaperOptions, Source, Targets
 from feasigrasp_lab.paper.solutions import Solutions
-from feasigrasp_lab.paper.sources import DRAWS
-from feasigrasp_lab.paper.task_law import PaperTaskOptions, paper_task_space_velocity
+from feasigrasp_lab.paper.task_law import paper_task_space_velocity
 
 _CHAIN = IIWA_7.chain
 
@@ -96,7 +95,7 @@ class PaperTaskController(Unenforced, GraspController):
     def __init__(
         self,
         reachability: Reachability,
-        options: PaperTaskOptions | None = None,
+        options: PaperOptions | None = None,
         *,
         max_components: int = 10,
         period: float = ReachabilityConfig.period,
@@ -104,7 +103,7 @@ class PaperTaskController(Unenforced, GraspController):
     ) -> None:
         """A controller of `paper_task_space_velocity`; arguments as of `RMMTaskController`."""
         super().__init__(reachability, MixtureMemory(), period=period)
-        self._options, self._max_components = options or PaperTaskOptions(), max_components
+        self._options, self._max_components = options or PaperOptions(), max_components
         self._seed = seed
         self.warm_up()
 
@@ -131,13 +130,13 @@ class PaperJointController(Unenforced, GraspController):
     def __init__(
         self,
         reachability: Reachability,
-        options: PaperJointOptions | None = None,
+        options: PaperOptions | None = None,
         *,
         period: float = ReachabilityConfig.period,
     ) -> None:
         """A controller of `PaperJointControl`; arguments as of `GPJointController`."""
         super().__init__(reachability, Solutions.empty(), period=period)
-        self._control = PaperJointControl(reachability, options or PaperJointOptions(), period)
+        self._control = PaperJointControl(reachability, options or PaperOptions(), period)
         self.warm_up()
 
     def update(self, memory: Solutions, inputs: ControllerInputs) -> Solutions:
@@ -150,10 +149,6 @@ class PaperJointController(Unenforced, GraspController):
     def velocity(self, memory: Solutions, inputs: ControllerInputs) -> Array:
         """Down the field over the solutions."""
         return self._control.velocity(inputs.q, memory, inputs.time, inputs.X_WO, inputs.V_WO)
-
-
-#: Gains by controller: of the law ``preconditioned`` [1/s], and of the ``gradient``.
-_GAINS = {ControlSpace.TASK: (5.0, 0.0005), ControlSpace.JOINT: (8.0, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -178,21 +173,11 @@ class PaperMode:
 
     def make_controller(self, scenario: Scenario, reachability: Reachability) -> GraspController:
         """The paper's controller in task or joint space."""
-        space, options = ControlSpace(scenario.control.controller), PaperOptions.of(scenario)
-        gain = options.gain or _GAINS[space][options.law == Law.GRADIENT]
-        period = scenario.reachability.period
-        if space == ControlSpace.TASK:
-            of_task = PaperTaskOptions(
-                options.law, gain, options.damping, options.feed_forward, options.targets
-            )
+        options, period = PaperOptions.of(scenario), scenario.reachability.period
+        if scenario.control.controller == ControlSpace.TASK:
             seed = scenario.random_seed
-            return PaperTaskController(reachability, of_task, period=period, seed=seed)
-        of_joint = PaperJointOptions(
-            *(options.law, gain, options.feed_forward, options.length_scale, options.n_solutions),
-            draw=DRAWS.get(options.source),
-            resample=options.resample,
-        )
-        return PaperJointController(reachability, of_joint, period=period)
+            return PaperTaskController(reachability, options, period=period, seed=seed)
+        return PaperJointController(reachability, options, period=period)
 
     def make_drive(self, scenario: Scenario) -> UnenforcedDrive:
         """A drive that bounds nothing."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,17 @@ Change = Callable[[Scenario], None]
 
 def unchanged(scenario: Scenario) -> None:
     """Leaves a scenario as its file has it."""
+
+
+def setting(keys: Mapping[str, Any]) -> Change:
+    """Sets keys, ``section.name``, of a scenario."""
+
+    def change(scenario: Scenario) -> None:
+        for key, value in keys.items():
+            section, name = key.split(".")
+            setattr(getattr(scenario, section), name, value)
+
+    return change
 
 
 def both(first: Change, second: Change) -> Change:
@@ -71,22 +83,6 @@ def _late(seconds: float) -> Change:
     return change
 
 
-def _with(section: str, key: str, value: float | str) -> Change:
-    """Another value of one key."""
-
-    def change(scenario: Scenario) -> None:
-        setattr(getattr(scenario, section), key, value)
-
-    return change
-
-
-def _carrier(stiffness: Compliance) -> Change:
-    def change(scenario: Scenario) -> None:
-        scenario.carrier.stiffness = stiffness.value
-
-    return change
-
-
 def _all(scenario: Scenario) -> None:
     """Everything at once; what has a range is drawn from it by the run's seed and object."""
     # Ranges: time from an exposure to its image [s], friction, and mass as a multiple of the
@@ -106,15 +102,15 @@ DEGRADATIONS: dict[str, Change] = {
     "none": unchanged,
     "latency-0": _late(0.0),
     "latency-0.12": _late(0.12),
-    "errors-2": _with("sensors", "error_factor", 2.0),
+    "errors-2": setting({"sensors.error_factor": 2.0}),
     "smear": _smeared,
     "hand-eye": _hand_eye,
-    "carrier-soft": _carrier(Compliance.SOFT),
-    "carrier-rigid": _carrier(Compliance.RIGID),
-    "friction-0.3": _with("object", "friction", 0.3),
-    "friction-0.8": _with("object", "friction", 0.8),
-    "mass-0.5": _with("object", "mass_factor", 0.5),
-    "mass-2": _with("object", "mass_factor", 2.0),
+    "carrier-soft": setting({"carrier.stiffness": Compliance.SOFT.value}),
+    "carrier-rigid": setting({"carrier.stiffness": Compliance.RIGID.value}),
+    "friction-0.3": setting({"object.friction": 0.3}),
+    "friction-0.8": setting({"object.friction": 0.8}),
+    "mass-0.5": setting({"object.mass_factor": 0.5}),
+    "mass-2": setting({"object.mass_factor": 2.0}),
     "all": _all,
 }
 

@@ -17,7 +17,7 @@ from feasigrasp_lab.protocols.changes import CAMERA_MOTIONS, MOTIONS
 from feasigrasp_lab.protocols.fault_table import FAULTS
 from feasigrasp_lab.report.paper_tables import TABLE_1, TABLE_1_ABLATION, TABLE_2, TABLE_2_COLUMNS
 from feasigrasp_lab.results.rows import Row
-from feasigrasp_lab.runs.summary import HANDLING
+from feasigrasp_lab.runs.summary import HANDLING, LIMITS
 
 FIGURE = "speed_curve.png"
 #: What the curves are drawn over, by the curves.
@@ -70,12 +70,8 @@ def _draw_curve(axis: Axes, found: Rows, curve: str) -> None:
     axis.plot(speeds, held, style, color=color, label=curve)
 
 
-_LIMITS = (
-    "joint_limit_violation_percent",
-    "velocity_limit_violation_percent",
-    "acceleration_limit_violation_percent",
-    "torque_limit_violation_percent",
-)
+#: Those of the arm by itself.
+_LIMITS = LIMITS[:-1]
 _CAUSES = r"cause\..*"
 
 
@@ -278,10 +274,10 @@ def faults_report(rows: Sequence[Row]) -> str:
             continue
         figures = [(found.get((name, key)), digits) for key, _, digits in _FAULTS]
         cells = ["" if row is None else f"{row.value:.{digits}f}" for row, digits in figures]
-        about = [FAULTS[name].what, FAULTS[name].behaviour] if name in FAULTS else ["", ""]
+        what = FAULTS[name].what if name in FAULTS else ""
         mark = " *" if name in FAULTS and FAULTS[name].held else ""
-        lines.append([f"`{name}`{mark}", *about, *cells, str(found[name, "crashes"].n)])
-    heads = ["fault", "what goes wrong", "what the cell does", *(head for _, head, _ in _FAULTS)]
+        lines.append([f"`{name}`{mark}", what, *cells, str(found[name, "crashes"].n)])
+    heads = ["fault", "what goes wrong", *(head for _, head, _ in _FAULTS)]
     parts = [
         markdown_table([*heads, "runs"], lines),
         "Limits broken and crashes count runs; `*`: the object is to be held nevertheless.",

@@ -31,6 +31,14 @@ HANDLING = (
     "true_acceleration_peak_percent",
     "true_acceleration_violation_percent",
 )
+#: Metrics that say that a limit was broken: their share of samples or ticks [%].
+LIMITS = (
+    "joint_limit_violation_percent",
+    "velocity_limit_violation_percent",
+    "acceleration_limit_violation_percent",
+    "torque_limit_violation_percent",
+    "self_collision_percent",
+)
 #: Columns of the printed table: head, row name.
 _COLUMNS = (
     ("held %", "held_percent"),

@@ -25,7 +25,7 @@ from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.models.shape.completion import DEFAULT, complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.runs.results.arguments import positive
-from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
+from feasigrasp_lab.results.arguments import add_common_arguments, select_objects
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.results.rows import Row, report_rows, write_csv
 from feasigrasp_lab.results.statistics import area_under_curve, grouped, mean
@@ -207,9 +207,7 @@ def _mean(values: Array) -> float:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    objects: dict[str, str] = {}
-    for part in names(args.objects):
-        objects |= select_objects(part)
+    objects = select_objects(args.objects)
     views = args.views
     if args.quick:
         objects, views = dict(list(objects.items())[:: -(-len(objects) // 12)]), min(views, 2)

@@ -181,9 +181,7 @@ def _variants(protocols: Sequence[str], *, ablation: bool) -> dict[str, Any]:
 
 def _graspable(args: argparse.Namespace) -> tuple[dict[str, str], dict[str, str]]:
     """The objects that the hand could hold, and why not the others, by name."""
-    objects: dict[str, str] = {}
-    for part in names(args.objects):
-        objects |= select_objects(part)
+    objects = select_objects(args.objects)
     if args.quick:
         objects = dict(list(objects.items())[:2])
     judged = finish_all(objects, args.out / "objects", {}, judge, jobs=args.jobs, desc="objects")

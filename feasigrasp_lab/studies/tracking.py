@@ -195,9 +195,7 @@ def main(args: argparse.Namespace) -> int:
     if args.real is not None:
         report_real(args.real, args.out)
         return 0
-    objects: dict[str, str] = {}
-    for part in names(args.objects):
-        objects |= select_objects(part)
+    objects = select_objects(args.objects)
     seeds, kinds = args.seeds, args.kinds
     if args.quick:
         objects, seeds = dict(list(objects.items())[:2]), 1

@@ -24,7 +24,7 @@ from feasigrasp.models.grasps.network.contact_features import ContactFeatures, c
 from feasigrasp_lab.networks import Contacts, Heads, ring_directions
 from feasigrasp_lab.paper.grasp_network import PaperGraspNetwork
 from feasigrasp_lab.results.finished import read_shard
-from feasigrasp_lab.training.loop import TrainingError
+from feasigrasp_lab.training.loop import TrainingError, split_families
 
 #: Closing directions off by less than this count by the square, beyond it linearly [rad]. Source:
 #: guessed.
@@ -199,14 +199,7 @@ def load_examples(
         )
     shards = [read_shard(file, ENTRIES) for file in files]
     data = {name: np.concatenate([shard[name] for shard in shards]) for name in ENTRIES}
-    family = data["family"]
-    of_held = np.isin(family, list(held_out))
-    held, rest = np.flatnonzero(of_held), np.flatnonzero(~of_held)
-    if len(held) == 0 or len(rest) == 0:
-        raise TrainingError(
-            f"{folder} holds examples of the families {', '.join(np.unique(family))}; to train and "
-            f"to judge, both these held out are needed and others: {', '.join(held_out)}"
-        )
+    held, rest = split_families(data["family"], held_out, f"{folder} holds examples")
     rng = np.random.default_rng(seed)
     held = np.sort(rng.permutation(held)[:n_held_out])
     rest = np.sort(rng.permutation(rest)[:most])
