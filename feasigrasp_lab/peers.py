@@ -101,16 +101,9 @@ def _cross(xp: ModuleType, a: AnyArray, b: AnyArray) -> AnyArray:
 class ArrayTaskStep:
     """The paper's step in task space: mixture, preconditioned direction, damped pseudo-inverse."""
 
-    def __init__(
-        self,
-        xp: ModuleType,
-        mixture: RiemannianMixture,
-        X_FG: ArrayLike,
-        options: PaperOptions | None = None,
-    ) -> None:
+    def __init__(self, xp: ModuleType, mixture: RiemannianMixture, X_FG: ArrayLike) -> None:
         """A step over one mixture in the object frame."""
-        self.xp, self.options = xp, options or PaperOptions()
-        self._arm = ArrayArm(xp, X_FG)
+        self.xp, self._arm = xp, ArrayArm(xp, X_FG)
         means = mixture.means
         self._R_GO = xp.asarray(np.swapaxes(means[:, :3, :3], 1, 2).copy())
         self._p_OG = xp.asarray(means[:, :3, 3].copy())
@@ -120,7 +113,7 @@ class ArrayTaskStep:
 
     def __call__(self, q: AnyArray, X_WO: AnyArray, V_WO: AnyArray) -> AnyArray:
         """Joint velocity (7,) [rad/s] at q (7,), object pose (4, 4) and twist (6,)."""
-        xp, options = self.xp, self.options
+        xp = self.xp
         q, X_WO, V_WO = xp.asarray(q), xp.asarray(X_WO), xp.asarray(V_WO)
         R_WH, p_WH, J = (x[0] for x in self._arm.hand(q[None]))
         R_OW, p_WO = X_WO[:3, :3].T, X_WO[:3, 3]
@@ -130,10 +123,10 @@ class ArrayTaskStep:
         whitened = (self._precision @ xi[:, :, None])[:, :, 0]
         log_density = self._log_weight - 0.5 * xp.sum(xi * whitened, -1)
         r = xp.exp(log_density - xp.max(log_density))
-        u = -options.gain_or(*GAINS) * (r @ xi) / xp.sum(r)
+        u = -GAINS[0] * (r @ xi) / xp.sum(r)
         carried = V_WO[3:] + _cross(xp, V_WO[None, :3], (p_WH - p_WO)[None])[0]
         V = xp.concatenate([R_WH @ u[:3] + V_WO[:3], R_WH @ u[3:] + carried])
-        square = options.damping**2 * xp.eye(6, dtype=J.dtype)
+        square = PaperOptions.damping**2 * xp.eye(6, dtype=J.dtype)
         return J.T @ xp.linalg.solve(J @ J.T + square, V)
 
 
@@ -145,23 +138,15 @@ class ArrayJointStep:
     """
 
     def __init__(
-        self,
-        xp: ModuleType,
-        X_OG: ArrayLike,
-        X_FG: ArrayLike,
-        *,
-        iterations: int = 10,
-        damping: float = 0.05,
-        length_scale: float = 0.1,
-        noise_variance: float = 1e-6,
-        gain: float = 5.0,
+        self, xp: ModuleType, X_OG: ArrayLike, X_FG: ArrayLike, *, iterations: int = 10
     ) -> None:
         """A step over grasps in the object frame, shape (n, 4, 4)."""
-        self.xp, self._arm = xp, ArrayArm(xp, X_FG)
+        self.xp, self._arm, self._iterations = xp, ArrayArm(xp, X_FG), iterations
+        # Of least squares, and of the Gaussian process.
+        damping, noise_variance = 0.05, 1e-6
         grasps = np.asarray(X_OG)
         self._R_OG = xp.asarray(grasps[:, :3, :3].copy())
         self._p_OG = xp.asarray(grasps[:, :3, 3].copy())
-        self._iterations, self._length_scale, self._gain = iterations, length_scale, gain
         self._ridge = xp.asarray(damping**2 * np.eye(6))
         self._noise = xp.asarray(noise_variance * np.eye(len(grasps)))
         self._ones = xp.asarray(np.ones(len(grasps)))
@@ -185,7 +170,9 @@ class ArrayJointStep:
 
     def __call__(self, q: AnyArray, X_WO: AnyArray) -> AnyArray:
         """Joint velocity (7,) [rad/s] at q (7,) and object pose (4, 4)."""
-        xp, length_scale = self.xp, self._length_scale
+        # Of the field [rad], and of the velocity [1/s].
+        length_scale, gain = 0.1, 5.0
+        xp = self.xp
         q, X_WO = xp.asarray(q), xp.asarray(X_WO)
         nodes = self.solve(q, X_WO)
         gaps = nodes[:, None] - nodes
@@ -198,7 +185,7 @@ class ArrayJointStep:
         o = xp.sum(terms)
         d = nearest - length_scale * xp.log(xp.clip(o, 1e-30, None))
         gradient = (terms / xp.clip(distance, 1e-9, None)) @ offset / o
-        return -self._gain * d * gradient / xp.sqrt(xp.sum(gradient**2))
+        return -gain * d * gradient / xp.sqrt(xp.sum(gradient**2))
 
 
 class DrakeArm:

@@ -58,8 +58,6 @@ from feasigrasp_lab.paper.task_law import hand_twist_kernel, least_norm_kernel
 _COOLING, _FARTHEST = 0.85, 1.5 * np.sqrt(6.0)
 #: From radians and units of the energy to radians and metres. Source: formula.
 _UNITS = np.repeat([1.0, LENGTH], 3)
-
-
 #: Rate of the law ``preconditioned`` [1/s]. Source: guessed.
 RATE = 5.0
 #: Gain of the ``gradient``: 5/s times the way that is left where the energy is that of noise of its

@@ -27,8 +27,6 @@ from feasigrasp_lab.paper.task_law import hand_twist_kernel, least_norm_kernel
 
 #: Another grasp is followed if it is reached sooner by this [s]. Source: guessed.
 SAVED = 0.2
-
-
 #: Rate at which the hand closes its distance to the grasp [1/s], and the largest speed and angular
 #: speed relative to the object [m/s], [rad/s]. Source: guessed.
 GAIN, MAX_LINEAR, MAX_ANGULAR = 5.0, 0.4, 1.5

@@ -19,7 +19,7 @@ from feasigrasp_lab.mixtures.em import Samples, Stop, expectation_maximization
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture, bic
 
 #: The distance that weighs as much as one radian in seeding [m/rad]. Source: guessed.
-_LENGTH_SCALE = 0.1
+LENGTH_SCALE = 0.1
 
 
 @compiled
@@ -221,14 +221,14 @@ class _Problem:
             np.ascontiguousarray(self.X[:, :3, 3].T),
             np.ones(len(self.X)),
         )
-        self.scale = np.array([1.0] * 3 + [_LENGTH_SCALE] * 3)
+        self.scale = np.array([1.0] * 3 + [LENGTH_SCALE] * 3)
         floors = [self.rotation_floor] * 3 + [self.translation_floor] * 3
         self.floor = np.array(floors) ** 2
 
     def seeded(self, n_components: int, rng: np.random.Generator) -> _Fit:
         """EM from k-means++ seeds."""
         draws = rng.random((min(n_components, len(self.X)), 4))
-        seeds, spread = seed_means(*self.samples, _LENGTH_SCALE, draws)
+        seeds, spread = seed_means(*self.samples, LENGTH_SCALE, draws)
         k = len(seeds)
         covariance = np.diag(spread**2 * self.scale**2 + self.floor)
         return self._em(np.full(k, 1.0 / k), self.X[seeds], np.tile(covariance, (k, 1, 1)))

@@ -115,7 +115,7 @@ DEGRADATIONS: dict[str, Change] = {
 }
 
 
-#: Where it is from there, and its sides [m].
+#: Bodies beside the path: direction from its middle, and sides [m].
 _BODIES = {
     "wall": ((0.0, 1.0, 0.0), (0.5, 0.04, 0.5)),
     "shelf": ((0.0, 1.4, 0.8), (0.6, 0.3, 0.03)),

@@ -70,8 +70,6 @@ def _draw_curve(axis: Axes, found: Rows, curve: str) -> None:
     axis.plot(speeds, held, style, color=color, label=curve)
 
 
-#: Those of the arm by itself.
-_LIMITS = LIMITS[:-1]
 _CAUSES = r"cause\..*"
 
 
@@ -107,7 +105,7 @@ _TABLES = (
         r"Paper\w+/\w+/\w+",
         (
             *HANDLING,
-            *_LIMITS[1:],
+            *LIMITS[1:4],
             "grasp_position_error_mm_median",
             "grasp_angle_error_deg_median",
             "settling_time_s",
@@ -143,7 +141,7 @@ _TABLES = (
             "held_percent",
             *HANDLING,
             "self_collision_percent",
-            *_LIMITS,
+            *LIMITS[:4],
             r"obstacle_distance_min_mm.*",
             "settling_time_s",
             r"planning_ms\.worst",

@@ -185,11 +185,9 @@ def _shares_of_draws(k: int) -> Array:
     return np.random.default_rng(k).multinomial(k, np.full(k, 1.0 / k), 10_000) / k
 
 
-def resampled(
-    items: Sequence[Item], statistic: Callable[[Sequence[Item]], float], seed: int = 0
-) -> Estimate:
+def resampled(items: Sequence[Item], statistic: Callable[[Sequence[Item]], float]) -> Estimate:
     """A statistic of items (objects), with the interval that resampling the items gives."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     value, n = statistic(items), len(items)
     if n < 2:
         return Estimate(value, None, None, n)

@@ -114,7 +114,7 @@ class LevelSet:
         return np.asarray(np.sqrt(height**2 + beyond**2).min(axis=1))
 
 
-def sample_level_set(field: Gpdf, seeds: Iterable[Array] = (), cells: int = 40) -> LevelSet:
+def sample_level_set(field: Gpdf, seeds: Iterable[Array] = ()) -> LevelSet:
     """Samples the completed surface of a field.
 
     Args:
@@ -122,8 +122,9 @@ def sample_level_set(field: Gpdf, seeds: Iterable[Array] = (), cells: int = 40) 
             `CompletedField.possible`.
         seeds: More points (n, 3) that are projected onto the surface: walls thinner than a cell
             change no sign.
-        cells: Cells of the grid along each side of the box that `Gpdf.surface` searches.
     """
+    # Cells of the grid along each side of the box that `Gpdf.surface` searches.
+    cells = 40
     field = replace(field, damped=True)  # the paper's short steps end beside the surface
     lower, upper = field.search_box
     axes = [np.linspace(a, b, cells) for a, b in zip(lower, upper, strict=True)]
@@ -157,9 +158,9 @@ def _project(field: Gpdf, x: Array, steps: int = 5) -> tuple[Array, Array]:
     return ends[on], normals[on]
 
 
-def true_samples(viewed: ViewedObject, seed: int, count: int = 2000) -> tuple[Array, Array]:
-    """Points spread uniformly by area over the true surface and their normals, (count, 3) each."""
-    points, faces = trimesh.sample.sample_surface(viewed.obj.mesh, count, seed=seed)
+def true_samples(viewed: ViewedObject, seed: int) -> tuple[Array, Array]:
+    """Points spread uniformly by area over the true surface and their normals, (2000, 3) each."""
+    points, faces = trimesh.sample.sample_surface(viewed.obj.mesh, 2000, seed=seed)
     return np.asarray(points), np.asarray(viewed.obj.mesh.face_normals[faces])
 
 

@@ -15,7 +15,7 @@ from time import thread_time
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.tracking.model import jacobian
@@ -178,7 +178,6 @@ class _Run:
         )
 
 
-def lost(frames: list[Frame], beyond_mm: float = 10.0, longer: int = 9) -> bool:
-    """Whether the surface was farther off than that in more images, while the object moved."""
-    far: Mask = np.array([f.surface_mm > beyond_mm for f in frames if f.hold])
-    return int(far.sum()) > longer
+def lost(frames: list[Frame]) -> bool:
+    """Whether the surface was more than 10 mm off in 10 images, while the object moved."""
+    return sum(frame.surface_mm > 10.0 for frame in frames if frame.hold) >= 10

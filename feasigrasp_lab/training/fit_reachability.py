@@ -13,8 +13,6 @@ without singular crowds.
 from __future__ import annotations
 
 import argparse
-import resource
-import time
 from collections.abc import Sequence
 from enum import StrEnum
 from functools import partial
@@ -41,7 +39,7 @@ from feasigrasp_lab.paper.reachable_space import ReachableSpace
 from feasigrasp_lab.results.arguments import add_run_arguments, command_line
 from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
 from feasigrasp_lab.results.rows import Row, write_csv, write_summary
-from feasigrasp_lab.training.large_mixture import LargeFit, fit_large_mixture
+from feasigrasp_lab.training.large_mixture import PASSES, LargeFit, fit_large_mixture
 from feasigrasp_lab.training.pose_blocks import PoseBlocks
 
 #: Height in the base frame below which poses of the fitted frame are dropped [m]. Source: guessed.
@@ -134,12 +132,6 @@ def draw_all(n: int, seed: int, folder: Path, jobs: int, *, thin: float | None) 
     return join([_load(file) for file in files])
 
 
-def peak_memory_gb() -> float:
-    """The most memory that this process, and any one of its finished children, have held [GB]."""
-    usage = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return sum(u.ru_maxrss for u in usage) / 1e6
-
-
 def _draw_part(file: Path, i: int, *, sizes: list[int], seed: int, thin: float | None) -> bool:
     poses = sample_reachable_poses(sizes[i], np.random.default_rng([seed, i]), thin=thin)
     write_arrays(file, poses._asdict(), compressed=False)
@@ -196,11 +188,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    start = time.perf_counter()
     components = parse_components(args.components)
     thin = manipulability_reference() if args.weighting == Weighting.MANIPULABILITY else None
     settings = {"arm": "iiwa", **{name: getattr(args, name) for name in _DECISIVE}}
-    fresh = not (args.out / "settings.json").is_file()
     _keep_folder(args.out, settings)
     reached = draw_all(args.samples, args.seed, args.out / "samples", args.jobs, thin=thin)
     counts = {name: getattr(reached, name) for name in ReachedPoses._fields[2:]}
@@ -226,18 +216,13 @@ def main(args: argparse.Namespace) -> int:
             space.save(path)
         fits.append(space)
     fits[-1].save(args.out / "reachable_space.npz")
-    seconds = time.perf_counter() - start
     table = [(len(space.mixture), _bic(space), space.threshold) for space in fits]
     rows = [Row.plain("reachability.bic", f"K={k}", value, "1", poses.n) for k, value, _ in table]
-    if fresh:  # a run that goes on where another one stopped says nothing about the whole
-        preset = f"K={args.components}"
-        rows.append(Row.plain("bench.reachability_fit_s", preset, seconds, "s", 1))
-        rows.append(Row.plain("reachability.fit_memory_gb", preset, peak_memory_gb(), "GB", 1))
     write_csv(args.out / "bic.csv", sorted(table), ("components", "bic", "threshold"))
     write_summary(args.out / "summary.json", command, git, args.seed, rows, counts=counts)
     for k, value, threshold in table:
         print(f"K = {k:4d}   BIC {value:.6g}   99 % threshold {threshold:.3f}")
-    print(f"{seconds:.1f} s, at most {peak_memory_gb():.2f} GB; {args.out}/reachable_space.npz")
+    print(f"the last one is in {args.out}/reachable_space.npz")
     return 0
 
 
@@ -286,7 +271,7 @@ def _fit(
     metadata: dict[str, Any],
 ) -> ReachableSpace:
     fit = LargeFit(threads=args.jobs)
-    with tqdm(total=fit.max_iterations, unit="pass", desc=f"K = {k}") as bar:
+    with tqdm(total=PASSES, unit="pass", desc=f"K = {k}") as bar:
 
         def progress(stage: str, i: int, likelihood: float) -> None:
             bar.set_postfix_str(f"{stage} {i}, {likelihood:.4f}", refresh=False)

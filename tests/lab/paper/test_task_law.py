@@ -32,7 +32,8 @@ def components_at(X_OG):
     """A mixture with one component, and one member, per pose."""
     n = len(X_OG)
     covariance = np.tile(np.diag([0.01] * 3 + [1e-4] * 3), (n, 1, 1))
-    return GraspMixture(RiemannianMixture(np.full(n, 1 / n), X_OG, covariance), X_OG, np.arange(n))
+    mixture = RiemannianMixture(np.full(n, 1 / n), X_OG, covariance)
+    return GraspMixture(mixture, X_OG, np.arange(n), np.arange(n), np.arange(n))
 
 
 def test_the_papers_law_follows_the_mixture(ring_of_grasps):
