@@ -34,12 +34,11 @@ from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.control_loop import AHEAD, SET_AFTER
 from feasigrasp.systems.monitoring.status_monitor import LASTS
-from feasigrasp_lab.measures.grasps import GRASPABLE
 from feasigrasp_lab.paper.grasp_mixture import LENGTH_PER_RADIAN
-from feasigrasp_lab.protocols.degradations import motion_capture
-from feasigrasp_lab.protocols.speed import SPEEDS, SPINS
+from feasigrasp_lab.protocols.changes import SPEEDS, SPINS, motion_capture
 from feasigrasp_lab.runs.plan import FIRST_TEST_SEED, TEST_OBJECTS
 from feasigrasp_lab.studies.static import PROTOCOLS
+from feasigrasp_lab.training.data.grasp_labels import GRASPABLE
 from feasigrasp_lab.training.data.household_shapes import FAMILIES, HELD_OUT
 from tests.conftest import REPOSITORY
 from tools.constants import assigned, constants

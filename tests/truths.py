@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.capsules import CapsuleModel
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp_lab.arm.self_collision import IIWA_CAPSULES, capsule_ends_kernel
+from feasigrasp_lab.arm import IIWA_CAPSULES, capsule_ends_kernel
 
 
 def table_distances(

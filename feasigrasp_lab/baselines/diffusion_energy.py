@@ -25,7 +25,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp_lab.networks.vector_neurons import (
+from feasigrasp_lab.networks import (
     VectorLinear,
     VectorLinearReLU,
     lengths,

@@ -22,7 +22,7 @@ from feasigrasp_lab.baselines.diffusion_energy import (
     PoseEnergy,
     standard_deviation,
 )
-from feasigrasp_lab.networks.contact_network import fill_network, network_arrays
+from feasigrasp_lab.networks import fill_network, network_arrays
 
 #: Time at the last step: noise of 4 mm and 1.8 degrees. Source: guessed.
 LAST_TIME = 1e-3

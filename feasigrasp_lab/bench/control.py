@@ -5,8 +5,7 @@ and the object's pose have changed; on one thread. `DIR/timings.csv` has all tim
 
 - ``bench.task_hz.K``: task space, corrected mode, mixture of K components.
 - ``bench.joint_hz.N``: joint space, corrected mode; the inverse kinematics of N solutions at the
-  new pose, the fit of the field to them and its gradient, at every step. Preset ``new solutions``:
-  the solutions are also looked for anew at every step.
+  new pose, the fit of the field to them and its gradient, at every step.
 - ``bench.planning_ms.median|p99|worst``: the update in between, safe mode: a step of the optimal
   control problem, and ten times a second the ranking of the grasps, those of the next line.
 - ``bench.task_safe_hz.8``, ``bench.joint_safe_hz.64``: safe mode, limits and clearances enforced;
@@ -40,13 +39,13 @@ from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
-from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
-from feasigrasp_lab.paper.controllers import PaperJointController, PaperTaskController
-from feasigrasp_lab.paper.joint_law import PaperJointOptions
-from feasigrasp_lab.peers.control import ArrayJointStep, ArrayTaskStep
+from feasigrasp_lab.paper.modes import PaperJointController, PaperTaskController
+from feasigrasp_lab.paper.options import PaperOptions
+from feasigrasp_lab.peers import ArrayJointStep, ArrayTaskStep
 from feasigrasp_lab.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
 from feasigrasp_lab.results.arguments import add_common_arguments
-from feasigrasp_lab.results.rows import Row, format_rows
+from feasigrasp_lab.results.rows import Row
+from feasigrasp_lab.results.timing import Case, report_bench, time_cases
 
 #: Where the object is, and its twist [angular; linear]. Source: guessed.
 X_WO = se3.make_pose(se3.so3_exp([0.2, -0.1, 0.4]), [0.5, 0.0, 0.5])
@@ -183,7 +182,7 @@ def main(args: argparse.Namespace) -> int:
     rows = time_cases(cases(args.seed), 0.1 if args.quick else 2.0)
     with threadpool_limits(1):
         rows += planning_rows(args.seed, 60 if args.quick else 1000)
-    report_bench(args, "control", rows, f"{format_rows(rows)}\n{format_table_3(rows)}")
+    report_bench(args, "control", rows)
     return 0
 
 
@@ -209,8 +208,6 @@ def cases(seed: int) -> Iterator[Case]:
         name, probe = f"bench.joint_hz.{N}", joint_probe(reachability, N, seed)
         yield Case(name, "default", probe.step)
         if N in peers_joint:
-            renewed = joint_probe(reachability, N, seed, period=_STEP)
-            yield Case(name, "new solutions", partial(_renewed_step, renewed))
             X_OG = probe.controller.memory(probe.context).X_OG
             for xp in (np, torch):
                 step = partial(_fed, ArrayJointStep(xp, X_OG, X_FG), probe)
@@ -272,17 +269,15 @@ def task_probe(reachability: Reachability, K: int, seed: int) -> ControllerProbe
     raise RuntimeError(f"{_DRAWS} draws of {K} groups of grasps gave no mixture of {K} components")
 
 
-def joint_probe(
-    reachability: Reachability, N: int, seed: int, *, period: float = 0.05
-) -> ControllerProbe:
+def joint_probe(reachability: Reachability, N: int, seed: int) -> ControllerProbe:
     """A joint-space controller, corrected mode, that follows N solutions.
 
     Raises:
         RuntimeError: It found fewer.
     """
-    rng, options = np.random.default_rng(seed), PaperJointOptions(n_solutions=N)
+    rng, options = np.random.default_rng(seed), PaperOptions(n_solutions=N)
     grasps = _some(reachability, N, rng)
-    controller = PaperJointController(reachability, options, period=period)
+    controller = PaperJointController(reachability, options, period=0.05)
     probe = ControllerProbe(controller, grasps, rng)
     found = len(controller.memory(probe.context))
     if found != N:
@@ -290,36 +285,7 @@ def joint_probe(
     return probe
 
 
-#: Simulated time between steps that look for new solutions [s]. Source: guessed.
-_STEP = 0.01
-
-
-def _renewed_step(probe: ControllerProbe) -> Array:
-    """A step with the update before it in which the controller looks for solutions."""
-    probe.simulator.AdvanceTo(probe.context.get_time() + _STEP)
-    return probe.step()
-
-
 def _fed(step: Callable[..., object], probe: ControllerProbe, *more: Array) -> object:
     """A peer's step with the next inputs of a probe."""
     q, pose = probe.next_inputs()
     return step(q, pose.GetAsMatrix4(), *more)
-
-
-def format_table_3(rows: list[Row]) -> str:
-    """Our figures beside the paper's, one line per size."""
-    found = {(row.name, row.preset): row.value for row in rows}
-    heads = f"{'':18s}{'paper Hz':>10s}{'ours Hz':>10s}{'times':>8s}"
-    lines = [f"{heads}{'new sol.':>10s}{'numpy':>9s}{'torch':>9s}"]
-    for space, letter, table in (("task", "K", TABLE_3_TASK), ("joint", "N", TABLE_3_JOINT)):
-        for size, paper in table.items():
-            name = f"bench.{space}_hz.{size}"
-            ours = found[name, "default"]
-            line = f"{space:6s}{letter} = {size:<7d}{paper:10.1f}{ours:10.0f}{ours / paper:8.0f}"
-            presets = (("new solutions", 10), ("peer:numpy", 9), ("peer:torch", 9))
-            more = [(found.get((name, preset)), width) for preset, width in presets]
-            cells = ["" if hz is None else f"{hz:.0f}" for hz, _ in more]
-            lines.append(
-                line + "".join(f"{c:>{w}s}" for c, (_, w) in zip(cells, more, strict=True))
-            )
-    return "\n".join(lines)

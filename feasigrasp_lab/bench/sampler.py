@@ -2,10 +2,9 @@
 
 One noisy view of an object, as the depth camera gives it, is smoothed, completed by a field of 512
 points, shown to the network, and its grasps are filtered: `bench.perception_ms` is all of that, the
-parts are timed on their own as well. Presets ``peer:torch`` and ``peer:torch.jit`` of the forward
-pass are the same network and weights in torch, as it is and as frozen TorchScript, without what is
-done with its answers. Of the baseline, the energy's gradient at one pose and 100 samples are timed.
-Nothing is taken over from an earlier run.
+parts are timed on their own as well. Preset ``peer:torch`` of the forward pass is the same network
+and weights in torch, without what is done with its answers. Of the baseline, the energy's gradient
+at one pose and 100 samples are timed. Nothing is taken over from an earlier run.
 """
 
 from __future__ import annotations
@@ -16,22 +15,20 @@ from functools import partial
 
 import numpy as np
 import torch
-from torch import nn
 
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
-from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
+from feasigrasp.models.grasps.network.contact_features import contact_features
 from feasigrasp.models.grasps.network.surface_input import grasp_input
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp_lab.baselines.diffusion_sampler import DiffusionSampler
 from feasigrasp_lab.baselines.grasp_diffusion import load_grasp_diffusion
-from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
-from feasigrasp_lab.networks.contact_network import Contacts
 from feasigrasp_lab.paper.grasp_network import torch_heads, trained_network
 from feasigrasp_lab.results.arguments import add_common_arguments, select_objects
+from feasigrasp_lab.results.timing import Case, report_bench, time_cases
 from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 #: Points of the field and of the network's input; points of the forward pass alone. Source:
@@ -58,7 +55,6 @@ def cases(view: PartialView) -> Iterator[Case]:
         features = contact_features(large.points, large.normals, large.scalars)
         yield Case(forward, preset, partial(other.propose_at, features))
     yield Case(forward, "peer:torch", partial(torch_heads, network.network, features))
-    yield Case(forward, "peer:torch.jit", traced_heads(network.network, features))
     for preset, used in (("default", sampler), ("antipodal", AntipodalSampler())):
         yield Case("bench.perception_ms", preset, partial(cloud_to_grasps, view, used))
     X_OG, width, prior = sampler.candidates(field)
@@ -80,26 +76,6 @@ def cases(view: PartialView) -> Iterator[Case]:
     }
     for part, function in parts.items():
         yield Case(f"bench.perception_part_ms.{part}", "default", function)
-
-
-def traced_heads(network: nn.Module, features: ContactFeatures) -> Callable[[], object]:
-    """The forward pass of a torch network as frozen TorchScript, traced on the features."""
-
-    class Flat(nn.Module):
-        def __init__(self) -> None:
-            super().__init__()
-            self.network = network
-
-        def forward(self, *parts: torch.Tensor) -> tuple[torch.Tensor, ...]:
-            return tuple(self.network(Contacts(*parts)))
-
-    traced = torch.jit.freeze(torch.jit.trace(Flat().eval(), tuple(Contacts.of(features))))
-
-    def forward() -> object:
-        with torch.inference_mode():
-            return traced(*Contacts.of(features))
-
-    return forward
 
 
 def cloud_to_grasps(view: PartialView, sampler: GraspSamplerFn) -> object:

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import torch
@@ -21,30 +19,19 @@ from scipy.spatial.distance import cdist
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.points import farthest_points
-from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_field, fit_gpdf
+from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_field
 from feasigrasp.models.shape.node_sums import gram_lower
-from feasigrasp_lab.measures.timing import (
-    Case,
-    Timing,
-    cpu_time,
-    report_bench,
-    timing_row,
-)
 from feasigrasp_lab.paper.field import PAPER
 from feasigrasp_lab.results.arguments import add_common_arguments, select_objects
-from feasigrasp_lab.results.rows import Row
+from feasigrasp_lab.results.timing import Case, Timing, cpu_time, report_bench, timing_row
 
 #: Where the camera looks from, relative to the object's centre [m]. Source: guessed.
 CAMERA = np.array([0.35, 0.2, 0.3])
-#: The validation step: grasps, gripper points, points with normals, steps of the refinement.
-#: Source: guessed.
-GRASPS, GRIPPER_POINTS, NORMALS, STEPS = 512, 64, 1024, 5
-#: Keyword arguments of `fit_gpdf` by preset.
-PRESETS: dict[str, dict[str, Any]] = {"paper": {**PAPER}, "default": {}}
+#: Nodes of the fields that are timed. Source: guessed.
+SIZES = (512, 1024)
 
 
 def partial_cloud(name: str, seed: int) -> Array:
@@ -60,12 +47,6 @@ def partial_cloud(name: str, seed: int) -> Array:
     return seen + np.random.default_rng(seed).normal(scale=depth_noise, size=seen.shape)
 
 
-def whole_fit(cloud: Array, preset: str, nodes: int) -> Gpdf:
-    """Selection, normals and fit, from a cloud; at most so many nodes, offset points included."""
-    points = nodes if preset == "paper" else 3 * nodes // 5
-    return fit_gpdf(cloud, max_points=points, viewpoint=CAMERA, **PRESETS[preset])
-
-
 def fit_from_points(points: Array) -> Gpdf:
     """The fit alone: Gram matrix, Cholesky factor, weights."""
     return fit_field(
@@ -76,50 +57,6 @@ def fit_from_points(points: Array) -> Gpdf:
         length_scale=PAPER["length_scale"],
         noise_variance=PAPER["noise_variance"],
     )
-
-
-@dataclass(frozen=True, eq=False)
-class ValidationStep:
-    """All that the paper asks of a field before grasps are sent on, as one call.
-
-    The fit (with the selection of its nodes), the projection of 512 grid points onto the surface
-    with their variance, the collision test of 512 grasps with 64 gripper points each, and refined
-    normals at 1024 points.
-
-    Attributes:
-        cloud: Cloud of one object, shape (n, 3) [m].
-        preset: Key of `PRESETS`.
-        nodes: Most nodes of the field.
-        X_OG: Grasps, shape (512, 4, 4).
-        hand: Points on the gripper, shape (64, 3) [m].
-        at: Where normals are wanted, shape (1024, 3) [m].
-    """
-
-    cloud: Array
-    preset: str
-    nodes: int
-    X_OG: Array
-    hand: Array
-    at: Array
-
-    @classmethod
-    def of(cls, cloud: Array, preset: str, nodes: int, seed: int) -> ValidationStep:
-        """A step with unfiltered grasps of the object, points near it, and its sampler's hand."""
-        sampler = AntipodalSampler(n_candidates=GRASPS)
-        grasps, _, _ = sampler.candidates(whole_fit(cloud, preset, nodes))
-        every = sampler.gripper.surface_points(sampler.gripper.max_opening)
-        rng = np.random.default_rng(seed)
-        at = cloud[rng.choice(len(cloud), NORMALS)] + rng.normal(scale=0.01, size=(NORMALS, 3))
-        hand = every[farthest_points(every, GRIPPER_POINTS)]
-        return cls(cloud, preset, nodes, np.resize(grasps, (GRASPS, 4, 4)), hand, at)
-
-    def __call__(self) -> tuple[Array, Mask, Array]:
-        """Variance of the completed surface, which grasps collide, refined normals."""
-        # A hand whose points come closer than this collides [m].
-        margin = 0.003
-        field = whole_fit(self.cloud, self.preset, self.nodes)
-        collides = field.clearance(self.X_OG, self.hand, margin, margin)[0] < margin
-        return field.completion.variance, collides, field.refine(self.at, STEPS)[2]
 
 
 def potrf_with_copy(nodes: Array) -> tuple[Callable[[], object], Callable[[], object]]:
@@ -173,10 +110,6 @@ def torch_query(field: Gpdf) -> Callable[[torch.Tensor], tuple[torch.Tensor, tor
     return query
 
 
-#: Nodes of the fields that are timed. Source: guessed.
-SIZES = (512, 1024)
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/bench_shape", objects="mustard_bottle")
@@ -196,11 +129,6 @@ def cases(cloud: Array, seed: int) -> Iterator[Case]:
         factorize, copy = potrf_with_copy(points)
         yield Case(name, "potrf and copy", factorize)
         yield Case(name, "copy", copy)
-        for preset in PRESETS:
-            whole = partial(whole_fit, cloud, preset, n)
-            yield Case(f"bench.gpdf_fit_whole_ms.{n}", preset, whole)
-            step = ValidationStep.of(cloud, preset, n, seed)
-            yield Case(f"bench.validation_ms.{n}", preset, step)
     field = fit_from_points(points)
     low, high = field.bounds + [[-0.1], [0.1]]
     # Points at which value and gradient are asked for.
@@ -241,9 +169,5 @@ def main(args: argparse.Namespace) -> int:
     with threadpool_limits(1):
         timings = timed(partial_cloud(name, args.seed), args.seed, 0.2 if args.quick else 2.0)
     rows = [timing_row(name, preset, t) for (name, preset), t in sorted(timings.items())]
-    for n in SIZES:
-        own, peer = (timings[f"bench.gpdf_fit_ms.{n}", of] for of in ("default", "peer:potrf"))
-        ratio = own.value / peer.value
-        rows.append(Row.plain(f"bench.gpdf_fit_over_potrf.{n}", "default", ratio, "", own.n))
     report_bench(args, "shape", rows)
     return 0

@@ -14,12 +14,12 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.quantities import POSES, ArrayOf, Count, Number, Positive
+from feasigrasp.models.quantities import POSES, Count, Number, Positive
 from feasigrasp_lab.mixtures.em import Samples, Stop, expectation_maximization
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture, bic
 
 #: The distance that weighs as much as one radian in seeding [m/rad]. Source: guessed.
-_LENGTH_SCALE = 0.1
+LENGTH_SCALE = 0.1
 
 
 @compiled
@@ -101,7 +101,6 @@ def fit_riemannian_mixture(
     n_components: Count,
     rng: np.random.Generator,
     *,
-    sample_weights: Annotated[ArrayLike, ArrayOf(("n",))] | None = None,
     rotation_floor: Positive = 0.05,
     translation_floor: Positive = 0.005,
     max_iterations: Count = 50,
@@ -118,7 +117,6 @@ def fit_riemannian_mixture(
         X: Poses, shape (n, 4, 4), n >= 1 [m].
         n_components: Number of components K wanted; the result may have fewer.
         rng: Source of randomness of the seeds.
-        sample_weights: Importance of each pose, not negative, shape (n,); only ratios matter.
         rotation_floor: Standard deviation added to every rotational direction [rad].
         translation_floor: Standard deviation added to every translational direction [m].
         max_iterations: Upper bound on the number of EM iterations.
@@ -129,7 +127,6 @@ def fit_riemannian_mixture(
     """
     problem = _Problem(
         np.asarray(X),
-        sample_weights,
         rotation_floor,
         translation_floor,
         max_iterations,
@@ -204,7 +201,6 @@ class _Problem:
     """Poses (n, 4, 4) to fit to, and how to fit."""
 
     X: Array
-    sample_weights: ArrayLike | None = None
     rotation_floor: float = 0.05
     translation_floor: float = 0.005
     max_iterations: int = 50
@@ -223,16 +219,16 @@ class _Problem:
         self.samples = Samples(
             np.ascontiguousarray(se3.quaternions(self.X).T),
             np.ascontiguousarray(self.X[:, :3, 3].T),
-            _checked_weights(self.sample_weights, len(self.X)),
+            np.ones(len(self.X)),
         )
-        self.scale = np.array([1.0] * 3 + [_LENGTH_SCALE] * 3)
+        self.scale = np.array([1.0] * 3 + [LENGTH_SCALE] * 3)
         floors = [self.rotation_floor] * 3 + [self.translation_floor] * 3
         self.floor = np.array(floors) ** 2
 
     def seeded(self, n_components: int, rng: np.random.Generator) -> _Fit:
         """EM from k-means++ seeds."""
         draws = rng.random((min(n_components, len(self.X)), 4))
-        seeds, spread = seed_means(*self.samples, _LENGTH_SCALE, draws)
+        seeds, spread = seed_means(*self.samples, LENGTH_SCALE, draws)
         k = len(seeds)
         covariance = np.diag(spread**2 * self.scale**2 + self.floor)
         return self._em(np.full(k, 1.0 / k), self.X[seeds], np.tile(covariance, (k, 1, 1)))
@@ -271,19 +267,6 @@ class _Problem:
             Stop(self.max_iterations, self.tolerance),
         )
         return _Fit(found[0], found[1], found[2], float(found[3][-1]))
-
-
-def _checked_weights(sample_weights: ArrayLike | None, n: int) -> Array:
-    """Sample weights that sum to n."""
-    weights = np.ones(n) if sample_weights is None else np.array(sample_weights, dtype=float)
-    if weights.shape != (n,) or not np.isfinite(weights).all() or (weights < 0).any():
-        raise GraspError(
-            f"fit_riemannian_mixture: sample_weights of shape {weights.shape} for {n} poses; give "
-            "one finite weight >= 0 per pose."
-        )
-    if not weights.sum() > 0:
-        raise GraspError("fit_riemannian_mixture: all sample_weights are 0; give a positive one.")
-    return weights * (n / weights.sum())
 
 
 @compiled

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import check_fields, checked
@@ -18,7 +18,7 @@ from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.se3_kernels import quaternion_kernel, quaternion_log_kernel
-from feasigrasp.models.quantities import ANY_POSES, POSES, ArrayOf
+from feasigrasp.models.quantities import ANY_POSES, ArrayOf
 
 
 class Parameters(NamedTuple):
@@ -205,13 +205,6 @@ class RiemannianMixture(Frozen):
         pulls = np.einsum("kji,kjl,...kl->...ki", W, W, tangents)
         J = se3.right_jacobian_inverse(tangents)
         return np.asarray(-np.einsum("...k,...kji,...kj->...i", r, J, pulls))
-
-    @checked(GraspError)
-    def medoids(self, X_samples: Annotated[ArrayLike, POSES]) -> NDArray[np.intp]:
-        """Index of the most likely of the samples (n, 4, 4) under each component, shape (K,)."""
-        if len(np.asarray(X_samples)) == 0:
-            raise GraspError("medoids: X_samples is empty; give one pose or more")
-        return np.asarray(np.argmax(self.component_log_densities(X_samples), axis=0))
 
     def _evaluate(self, X: ArrayLike) -> tuple[Array, Array, Array, Array]:
         X = np.asarray(X)

@@ -1,8 +1,8 @@
 """Single-precision density of a Riemannian mixture for blocks of poses.
 
 They serve millions of poses, where speed decides and an error of 1e-5 in a log density does not
-matter (``feasigrasp bench reachability``, bench.em_pass_s); `feasigrasp_lab.mixtures.mixture`
-has the exact ones for one pose at a time. What makes them fast:
+matter; `feasigrasp_lab.mixtures.mixture` has the exact ones for one pose at a time. What makes them
+fast:
 
 * Structure of arrays: a block of poses is ``(7, BLOCK)``, quaternion wxyz and position, so that
   the compiler turns every loop over the poses into SIMD code.
@@ -49,11 +49,12 @@ _E = tuple(_f4(math.log(2.0) ** i / math.factorial(i)) for i in range(7))
 _E0, _E1, _E2, _E3, _E4, _E5, _E6 = _E
 
 
-def _log_polynomials(degree: int = 7) -> tuple[list[np.float32], list[np.float32]]:
+def _log_polynomials() -> tuple[list[np.float32], list[np.float32]]:
     """Coefficients of f and g in powers of ``w - 1/2``, by interpolation at Chebyshev nodes.
 
-    Errors on [0, 1] at degree 7: 8e-7 and 5e-6.
+    Errors on [0, 1]: 8e-7 and 5e-6.
     """
+    degree = 7
     nodes = np.cos((np.arange(degree + 1) + 0.5) * np.pi / (degree + 1))
     h = 2.0 * np.arcsin(np.sqrt((1.0 - nodes) / 4.0))  # w = (1 + node) / 2 = cos h
     f, g = h / np.sin(h), (1.0 - h / np.tan(h)) / np.sin(h) ** 2

@@ -43,8 +43,7 @@ class GraspMixture(Frozen):
         mixture: Density over hand poses in the object frame, K components.
         X_OG: The grasps, shape (n, 4, 4) [m].
         component: Most responsible component of each grasp, shape (n,).
-        medoid: Index of the grasp that stands for each component, shape (K,); by default the most
-            likely one.
+        medoid: Index of the grasp that stands for each component, shape (K,).
         identity: A number that stays with a component through refits, shape (K,).
         targets: The mixture with its means moved to the medoids: its maxima are grasps.
     """
@@ -52,16 +51,12 @@ class GraspMixture(Frozen):
     mixture: RiemannianMixture
     X_OG: Array
     component: Indices
-    medoid: Indices | None = None
-    identity: Indices | None = None
+    medoid: Indices
+    identity: Indices
     targets: RiemannianMixture = field(init=False)
 
     def __post_init__(self) -> None:
-        """Fills in what follows from the rest."""
-        if self.medoid is None:
-            object.__setattr__(self, "medoid", self.mixture.medoids(self.X_OG))
-        if self.identity is None:
-            object.__setattr__(self, "identity", np.arange(len(self.mixture)))
+        """Moves the means to the medoids."""
         targets = RiemannianMixture(
             self.mixture.weights, self.X_OG[self.medoid], self.mixture.covariances
         )
@@ -101,9 +96,9 @@ def fit_grasp_mixture(
     plausible = log_density + np.log(np.maximum(grasps.score, 1e-3))[:, None]
     plausible[component[:, None] != np.arange(len(mixture))] -= 1e3
     if previous is None:
-        return GraspMixture(mixture, grasps.X_OG, component, np.argmax(plausible, axis=0))
+        medoid, identity = np.argmax(plausible, axis=0), np.arange(len(mixture))
+        return GraspMixture(mixture, grasps.X_OG, component, medoid, identity)
     identity, before = _identities(mixture, previous)
-    assert previous.medoid is not None
     for k in np.flatnonzero(before >= 0):
         X_OM = previous.X_OG[previous.medoid[before[k]]]
         stays = np.abs(grasps.X_OG - X_OM).max(axis=(1, 2)) < 1e-9
@@ -123,7 +118,6 @@ def _identities(mixture: RiemannianMixture, previous: GraspMixture) -> tuple[Ind
 
     The closest pairs of means are matched first; what is left gets new numbers.
     """
-    assert previous.identity is not None
     distance = np.empty((len(mixture), len(previous.mixture)))
     for i, mean in enumerate(mixture.means):
         errors = np.empty((len(previous.mixture), 2))

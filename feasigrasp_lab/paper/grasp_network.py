@@ -22,16 +22,14 @@ from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.weights_file import WEIGHTS as PACKAGED
 from feasigrasp_lab import WEIGHTS
-from feasigrasp_lab.networks.contact_network import (
+from feasigrasp_lab.networks import (
     Contacts,
     Heads,
     TorchGraspNetwork,
-    chosen_points,
-)
-from feasigrasp_lab.networks.vector_neurons import (
     VectorLinear,
     VectorLinearReLU,
     across,
+    chosen_points,
     unit,
     with_mean,
 )

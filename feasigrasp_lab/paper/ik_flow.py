@@ -34,7 +34,7 @@ from feasigrasp.models.quantities import POSES, ArrayOf, Count, Whole
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.weights_file import WeightArrays, WeightsFormat, check_arrays
 from feasigrasp_lab import WEIGHTS
-from feasigrasp_lab.arm.least_squares import refine
+from feasigrasp_lab.arm import refine
 from feasigrasp_lab.paper.ik_flow_layers import (
     FEATURES,
     FlowShape,
@@ -149,7 +149,7 @@ class IkFlow(Frozen):
 
         Returns:
             Shape (n, 7) [rad], inside the joint limits. A few do not reach their pose: compare
-            forward kinematics, and see `feasigrasp_lab.arm.self_collision`.
+            forward kinematics, and see `feasigrasp_lab.arm`.
 
         Raises:
             ArgumentError: See `sample`.

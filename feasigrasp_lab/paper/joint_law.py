@@ -7,15 +7,11 @@ solutions keep their identity. All solutions are worth the same, and nothing is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from feasigrasp.errors import ControlError
-from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array, Indices
-from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.horizon.distance_field import (
     NOISE_VARIANCE,
@@ -28,16 +24,22 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.continuation import branch_kernel, solve_kernel
 from feasigrasp.models.ik.self_motion import arm_angle_kernel
 from feasigrasp.models.objects.prediction import Motion, future_poses
-from feasigrasp.models.quantities import Count, NotNegative, Positive
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import VELOCITY
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp_lab.paper.options import Law
+from feasigrasp_lab.paper.options import Law, PaperOptions
 from feasigrasp_lab.paper.solutions import Solutions, SolutionSearch, place_kernel
-from feasigrasp_lab.paper.sources import Draw, closed_form_configurations, drawn_configurations
+from feasigrasp_lab.paper.sources import (
+    DRAWS,
+    Draw,
+    closed_form_configurations,
+    drawn_configurations,
+)
 
 _CHAIN, _N = IIWA_7.chain, IIWA_7.joints
 
+#: Gains of the law ``preconditioned``, and of the ``gradient`` [1/s]. Source: guessed.
+GAINS = (8.0, 1.0)
 #: Time over which a velocity is taken [s]; its error is of the order of the squared angle that the
 #: object turns meanwhile. Source: numerical.
 _INSTANT = 1e-5
@@ -80,43 +82,6 @@ def _still(q: Array, X_OG: Array, length_scale: float, time: float) -> Solutions
         np.array([length_scale, 0.0]),
         time,
     )
-
-
-@dataclass(frozen=True)
-class PaperJointOptions:
-    """Gains of the law.
-
-    Attributes:
-        law: ``preconditioned``: the way that is left decreases at the rate k; ``gradient``: as
-            printed.
-        gain: k [1/s].
-        feed_forward: Whether the solutions' own velocity is added; not in the paper.
-        length_scale: Of the field [rad]; 0 follows the spacing of the solutions.
-        n_solutions: How many solutions the field is fitted to, at most.
-        draw: What they are drawn from, as in the paper; None for the closed form.
-        resample: Whether they are drawn anew at every update, as in the paper; else they keep their
-            identity.
-    """
-
-    law: str = Law.PRECONDITIONED
-    gain: Positive = 8.0
-    feed_forward: bool = True
-    length_scale: NotNegative = 0.0
-    n_solutions: Count = 64
-    draw: Draw | None = None
-    resample: bool = False
-
-    def __post_init__(self) -> None:
-        """Checks the values.
-
-        Raises:
-            ControlError: There is no such law, a number is out of range, or there is nothing to
-                draw anew.
-        """
-        check_fields(self, ControlError)
-        parse_choice(Law, self.law, "law", ControlError)
-        if self.resample and self.draw is None:
-            raise ControlError("resample is True, but the closed form draws nothing; give draw")
 
 
 @compiled
@@ -204,11 +169,9 @@ class PaperJointControl:
         period: Time between updates of the solutions [s].
     """
 
-    def __init__(
-        self, reachability: Reachability, options: PaperJointOptions, period: float
-    ) -> None:
+    def __init__(self, reachability: Reachability, options: PaperOptions, period: float) -> None:
         self._reachability, self._options, self._period = reachability, options, period
-        find, draw = closed_form_configurations, options.draw
+        find, draw = closed_form_configurations, DRAWS.get(options.source)
         self._search = SolutionSearch(
             *(reachability, period, find if draw is None else partial(drawn_configurations, draw)),
             *(options.n_solutions, options.length_scale),
@@ -242,12 +205,12 @@ class PaperJointControl:
             return previous
         (X_WO,), q = future_poses(motion, X_WO, V_WO, 0.0), np.ascontiguousarray(q, dtype=float)
         options, X_OG = self._options, grasps.X_OG
-        if options.draw is None or not options.resample:
+        if not options.resample:
             return self._search.update(previous, time, X_OG, X_WO, q)
         if len(X_OG) == 0:
             return Solutions.empty(time)
         X_WF = self._search.flange_poses(X_OG, X_WO)
-        found, grasp = _resampled(options.draw, options.n_solutions, X_WF)
+        found, grasp = _resampled(DRAWS[options.source], options.n_solutions, X_WF)
         return _still(found, X_OG[grasp], self._search.length_scale(found), time)
 
     def velocity(
@@ -272,6 +235,6 @@ class PaperJointControl:
             np.ascontiguousarray(X_WO, dtype=float),
             np.ascontiguousarray(V_WO, dtype=float),
             *(solutions.X_OG, solutions.branch, solutions.arm_angle, *solutions.at(elapsed)),
-            (options.law == Law.GRADIENT, options.gain, options.feed_forward),
+            (options.law == Law.GRADIENT, options.gain_or(*GAINS), options.feed_forward),
         )
         return np.asarray(qd)

@@ -43,12 +43,12 @@ _SPANS = {
 
 @dataclass(frozen=True)
 class PaperOptions:
-    """What a scenario says of the laws.
+    """Settings of a law.
 
     Attributes:
         law: A `Law`.
         gain: Rate at which the way that is left decreases, or what the gradient is multiplied with
-            [1/s]; 0 for that of the controller.
+            [1/s]; 0 for that of the controller, see `gain_or`.
         feed_forward: Whether the object's own motion is added.
         damping: Of the task-space pseudo-inverse, 0 for none.
         targets: What the task-space law goes for, see `Targets`.
@@ -69,12 +69,37 @@ class PaperOptions:
     source: str = Source.CLOSED_FORM
     resample: bool = False
 
+    def __post_init__(self) -> None:
+        """Checks the values.
+
+        Raises:
+            ScenarioError: An unknown word, or a number that is out of range.
+        """
+        for name, words in (("law", Law), ("targets", Targets), ("source", Source)):
+            parse_choice(words, getattr(self, name), f"control.options.{name}", ScenarioError)
+        for name, (least, most, unit) in _SPANS.items():
+            value = getattr(self, name)
+            if not least <= value <= most:
+                raise ScenarioError(
+                    f"control.options.{name} is {value:g}; it must be from {least:g} to {most:g}"
+                    f" {unit}".rstrip()
+                )
+        if self.resample and self.source == Source.CLOSED_FORM:
+            raise ScenarioError(
+                "control.options.resample is true, but closed_form draws nothing; give "
+                f"control.options.source: {Source.FLOW} or {Source.DLS}"
+            )
+
+    def gain_or(self, preconditioned: float, gradient: float) -> float:
+        """The gain, or if none is given that of the law."""
+        return float(self.gain) or (gradient if self.law == Law.GRADIENT else preconditioned)
+
     @classmethod
     def of(cls, scenario: Scenario) -> PaperOptions:
         """Those of a scenario.
 
         Raises:
-            ScenarioError: An unknown name, or a value that is out of range.
+            ScenarioError: An unknown name, or a value of another kind or out of range.
         """
         given, known = scenario.control.options, {field.name: field.type for field in fields(cls)}
         for name, value in given.items():
@@ -87,19 +112,4 @@ class PaperOptions:
                 known[name] == "float" and isinstance(value, int | float)
             ):
                 raise ScenarioError(f"control.options.{name} is {value!r}; give a {known[name]}")
-        options = cls(**given)  # type: ignore[arg-type]
-        for name, words in (("law", Law), ("targets", Targets), ("source", Source)):
-            parse_choice(words, getattr(options, name), f"control.options.{name}", ScenarioError)
-        for name, (least, most, unit) in _SPANS.items():
-            value = getattr(options, name)
-            if not least <= value <= most:
-                raise ScenarioError(
-                    f"control.options.{name} is {value:g}; it must be from {least:g} to {most:g}"
-                    f" {unit}".rstrip()
-                )
-        if options.resample and options.source == Source.CLOSED_FORM:
-            raise ScenarioError(
-                "control.options.resample is true, but closed_form draws nothing; give "
-                f"control.options.source: {Source.FLOW} or {Source.DLS}"
-            )
-        return options
+        return cls(**given)  # type: ignore[arg-type]

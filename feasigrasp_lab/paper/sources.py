@@ -26,7 +26,7 @@ from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.reach.kernels import Search
 from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp_lab.arm.least_squares import refine
+from feasigrasp_lab.arm import refine
 from feasigrasp_lab.paper.ik_flow import IkFlow
 from feasigrasp_lab.paper.options import Source
 

@@ -9,14 +9,9 @@ gain.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from feasigrasp.errors import ControlError
-from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import (
     compose_kernel,
@@ -24,14 +19,15 @@ from feasigrasp.models.geometry.se3_kernels import (
     inverse_kernel,
     right_jacobian_inverse_kernel,
 )
-from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 from feasigrasp_lab.mixtures.mixture import Parameters, evaluate_kernel, posterior_kernel
 from feasigrasp_lab.paper.grasp_mixture import LENGTH_PER_RADIAN, GraspMixture
-from feasigrasp_lab.paper.options import Law, Targets
+from feasigrasp_lab.paper.options import Law, PaperOptions, Targets
 
 _CHAIN = IIWA_7.chain
+#: Gains of the law ``preconditioned`` [1/s], and of the ``gradient``. Source: guessed.
+GAINS = (5.0, 0.0005)
 
 # Gradient ascent of a mixture's log density, with an added pull towards better points.
 #
@@ -151,37 +147,6 @@ def _disturb(
         out[i] += strength * best_step[i] / RADIUS
 
 
-@dataclass(frozen=True)
-class PaperTaskOptions:
-    """Gains of the law.
-
-    Attributes:
-        law: Which velocity leads up the density.
-        gain: Rate at which the hand closes its distance to a grasp [1/s]; of the law ``gradient``
-            the velocity per gradient, which is in 1/rad and 1/m.
-        damping: Of the pseudo-inverse; it matters where singular values of the Jacobian are not far
-            above it.
-        feed_forward: Whether the object's twist is added.
-        targets: What the density is made of: components about their medoids, or their means.
-    """
-
-    law: str = Law.PRECONDITIONED
-    gain: Positive = 5.0
-    damping: NotNegative = 0.02
-    feed_forward: bool = True
-    targets: str = Targets.MEDOIDS
-
-    def __post_init__(self) -> None:
-        """Checks the values.
-
-        Raises:
-            ControlError: There is no such law or target, or a number is out of range.
-        """
-        check_fields(self, ControlError)
-        parse_choice(Law, self.law, "law", ControlError)
-        parse_choice(Targets, self.targets, "targets", ControlError)
-
-
 @compiled
 def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):
     """Twist of the hand in the world [angular; linear] from one relative to the object.
@@ -262,7 +227,7 @@ def paper_task_space_velocity(
     X_WO: Array,
     V_WO: Array,
     X_FG: Array,
-    options: PaperTaskOptions,
+    options: PaperOptions,
 ) -> Array:
     """The paper's law, printed or corrected as the options say: ``qd = J^+ V``, nothing enforced.
 
@@ -289,8 +254,8 @@ def paper_task_space_velocity(
         X_WO,
         V_WO if options.feed_forward else np.zeros(6),
         mixture.parameters,
-        options.gain,
+        options.gain_or(*GAINS),
         options.law == Law.GRADIENT,
-        options.damping,
+        float(options.damping),
     )
     return qd

@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
-from typing import Any
+from collections.abc import Hashable, Sequence
 
 from feasigrasp.models.choices import ControlSpace
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.objects.predicted_poses import PredictionModel
-from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.protocols.degradations import Change, unchanged
+from feasigrasp_lab.protocols.changes import setting, unchanged
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.results.statistics import mean_of_objects
-
-
-def _with(keys: Mapping[str, Any]) -> Change:
-    """Sets keys, ``section.name``, of a scenario."""
-
-    def change(scenario: Scenario) -> None:
-        for key, value in keys.items():
-            section, name = key.split(".")
-            setattr(getattr(scenario, section), name, value)
-
-    return change
-
 
 #: The controller that others are compared with.
 REFERENCE = ControlSpace.TASK.value
@@ -33,14 +19,14 @@ FULL = "-full"
 #: What is taken away, one thing at a time, by the end of the runs' names.
 ABLATIONS = {
     FULL: unchanged,
-    "-no-density": _with({"control.density": False}),
-    "-no-score": _with({"control.score": False}),
-    "-no-look-ahead": _with({"control.prediction": PredictionModel.NONE.value}),
-    "-no-prediction": _with({"control.prediction": PredictionModel.TWIST.value}),
-    "-no-hidden-side": _with({"perception.hidden_side": False}),
-    "-one-view": _with({"perception.views": 1}),
-    "-paper-network": _with({"perception.sampler": "paper"}),
-    "-antipodal": _with({"perception.sampler": SamplerName.ANTIPODAL.value}),
+    "-no-density": setting({"control.density": False}),
+    "-no-score": setting({"control.score": False}),
+    "-no-look-ahead": setting({"control.prediction": PredictionModel.NONE.value}),
+    "-no-prediction": setting({"control.prediction": PredictionModel.TWIST.value}),
+    "-no-hidden-side": setting({"perception.hidden_side": False}),
+    "-one-view": setting({"perception.views": 1}),
+    "-paper-network": setting({"perception.sampler": "paper"}),
+    "-antipodal": setting({"perception.sampler": SamplerName.ANTIPODAL.value}),
 }
 
 

@@ -1,65 +1,31 @@
 """Report of a result folder as one self-contained HTML page.
 
-It has what `feasigrasp_lab.report.markdown_report` writes, with its figures inside, and what
-only a page can show: below each result every object with its picture and how often it was held, and
-the worst failures of all with links to their replays.
+It has what `feasigrasp_lab.report.markdown_report` writes, with its figures inside, below each
+result every object and how often it was held, and the worst failures of all with links to their
+replays.
 """
 
 from __future__ import annotations
 
 import base64
 import html
-import io
+import re
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from importlib import resources
 from math import isfinite
 from pathlib import Path
 from string import Template
 from urllib.parse import quote
 
-import numpy as np
-from matplotlib.image import imsave
-
-from feasigrasp.errors import FeasigraspError, InputError
+from feasigrasp.errors import InputError
 from feasigrasp.inputs import read_json
-from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.outputs import write_text
 from feasigrasp.scenario.files import parse_scenario
 from feasigrasp_lab.protocols.tuned import TUNED
 from feasigrasp_lab.results.finished import Record
-from feasigrasp_lab.results.markdown import markdown_html
 from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.results.statistics import grouped
 from feasigrasp_lab.runs.isolated import run_isolated
-from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
-from feasigrasp_lab.training.data.views import ViewedObject, look_at
-
-#: Where shapes are looked at from, and where the light comes from. Source: layout.
-_EYE = np.array([0.5, -0.75, 0.5])
-_LIGHT = np.array([0.35, -0.55, 0.76])
-
-
-def shape_picture(obj: RigidObject) -> np.ndarray:
-    """A parallel projection from obliquely above, RGB in [0, 1], (pixels, pixels, 3)."""
-    # Side of a tile [m]; every shape is drawn to this scale.
-    side = 0.22
-    pixels = 150
-    camera = look_at(_EYE)
-    down = np.array([0.0, 0.0, -1.0]) + camera[2, 2] * camera[:3, 2]
-    camera[:3, 1] = down / np.linalg.norm(down)
-    camera[:3, 0] = np.cross(camera[:3, 1], camera[:3, 2])
-    middle = ViewedObject(obj).center
-    grid = (np.arange(pixels) + 0.5) / pixels * side - 0.5 * side
-    u, v = np.meshgrid(grid, grid)
-    starts = np.stack([u, v, np.zeros_like(u)], axis=-1).reshape(-1, 3) @ camera[:3, :3].T
-    starts += camera[:3, 3] + middle
-    directions = np.broadcast_to(camera[:3, 2], starts.shape)
-    length, normals = TrueGrasps(obj.mesh).cast(starts, directions)
-    light = 0.35 + 0.65 * np.clip(normals @ _LIGHT, 0.0, 1.0)
-    picture = np.where(np.isfinite(length)[:, None], light[:, None] * np.array(obj.color[:3]), 1.0)
-    return picture.reshape(pixels, pixels, 3)
-
 
 #: Objects, each with how often it was held, and in how many runs.
 Outcomes = Mapping[str, tuple[int, int]]
@@ -138,29 +104,17 @@ def outcomes_of_rows(rows: Sequence[Row]) -> Outcomes:
 
 
 def objects_part(outcomes: Outcomes) -> str:
-    """Every object with its picture, those that are held least often first; empty without any."""
+    """Every object, those that are held least often first; empty without any."""
     cards = []
     for model, (held, runs) in sorted(outcomes.items(), key=lambda item: item[1][0] / item[1][1]):
         share = 100.0 * held / runs
         cards.append(
-            f"<figure>{_picture(model)}<figcaption>{html.escape(Path(model).stem)}"
+            f"<figure><figcaption>{html.escape(Path(model).stem)}"
             f'<span class="bar"><i style="width:{share:.0f}%"></i></span>'
             f"{held} of {runs} held</figcaption></figure>"
         )
     shown = f'<h3>Objects</h3>\n<div class="objects">{"".join(cards)}</div>'
     return shown if cards else ""
-
-
-@lru_cache
-def _picture(model: str) -> str:
-    """The object, if it is still there to be looked at."""
-    try:
-        pixels = shape_picture(load_object(model))
-    except FeasigraspError:
-        return '<span class="nothing">no mesh</span>'
-    file = io.BytesIO()
-    imsave(file, pixels.clip(0.0, 1.0), format="png")
-    return f'<img src="{_data(file.getvalue())}" alt="{html.escape(Path(model).stem)}">'
 
 
 def worst_failures(records: Mapping[Path, Record]) -> list[Path]:
@@ -204,3 +158,36 @@ def _failures_part(folder: Path, records: Mapping[Path, Record], replays: int) -
 
 def _data(picture: bytes) -> str:
     return f"data:image/png;base64,{base64.b64encode(picture).decode()}"
+
+
+def markdown_html(text: str, images: Mapping[str, str]) -> str:
+    """The Markdown that commands write, as HTML: headings, tables, images, code, bold, text.
+
+    Args:
+        text: The Markdown.
+        images: What stands for an image in the page, by its name in the text.
+    """
+    return "\n".join(_block_html(block, images) for block in text.strip().split("\n\n"))
+
+
+def _block_html(block: str, images: Mapping[str, str]) -> str:
+    if heading := re.fullmatch(r"(#+) (.*)", block):
+        level = len(heading[1])
+        return f"<h{level}>{_inline_html(heading[2])}</h{level}>"
+    if image := re.fullmatch(r"!\[(.*)\]\((.*)\)", block):
+        source = images.get(image[2], image[2])
+        return f'<img src="{html.escape(source)}" alt="{html.escape(image[1])}">'
+    if block.startswith("| "):
+        head, _, *lines = [line[2:-2].split(" | ") for line in block.splitlines()]
+        rows = [_row_html("th", head), *(_row_html("td", line) for line in lines)]
+        return f'<div class="wide"><table>{"".join(rows)}</table></div>'
+    return f"<p>{_inline_html(block)}</p>"
+
+
+def _row_html(tag: str, cells: Sequence[str]) -> str:
+    return f"<tr>{''.join(f'<{tag}>{_inline_html(cell)}</{tag}>' for cell in cells)}</tr>"
+
+
+def _inline_html(text: str) -> str:
+    escaped = re.sub(r"`([^`]*)`", r"<code>\1</code>", html.escape(text))
+    return re.sub(r"\*\*([^*]*)\*\*", r"<strong>\1</strong>", escaped)

@@ -17,10 +17,14 @@ from feasigrasp.errors import FeasigraspError, InputError, OutputError
 from feasigrasp.inputs import read_json
 from feasigrasp.outputs import write_text
 from feasigrasp_lab.protocols.tuned import TUNED
-from feasigrasp_lab.report.curves import FIGURE
 from feasigrasp_lab.report.html_report import write_page
-from feasigrasp_lab.report.tables import dynamic_report, faults_report, static_report
-from feasigrasp_lab.results.markdown import markdown_table
+from feasigrasp_lab.report.tables import (
+    FIGURE,
+    dynamic_report,
+    faults_report,
+    markdown_table,
+    static_report,
+)
 from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.runs.run_plan import conditions_text
 

@@ -7,21 +7,69 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from feasigrasp.outputs import save_figure
 from feasigrasp.runs.metrics.table import FIGURES
 from feasigrasp_lab.protocols.ablations import ablation_of
+from feasigrasp_lab.protocols.changes import CAMERA_MOTIONS, MOTIONS
 from feasigrasp_lab.protocols.fault_table import FAULTS
-from feasigrasp_lab.report.curves import FIGURE, Rows, curve_points, draw_curves
 from feasigrasp_lab.report.paper_tables import TABLE_1, TABLE_1_ABLATION, TABLE_2, TABLE_2_COLUMNS
-from feasigrasp_lab.results.markdown import markdown_table
 from feasigrasp_lab.results.rows import Row
-from feasigrasp_lab.runs.summary import HANDLING
+from feasigrasp_lab.runs.summary import HANDLING, LIMITS
 
-_LIMITS = (
-    "joint_limit_violation_percent",
-    "velocity_limit_violation_percent",
-    "acceleration_limit_violation_percent",
-    "torque_limit_violation_percent",
-)
+FIGURE = "speed_curve.png"
+#: What the curves are drawn over, by the curves.
+_AXES = {
+    "speed on the path [m/s]": tuple(MOTIONS | CAMERA_MOTIONS),
+    "speed of the rotation [rad/s]": ("spin",),
+}
+_COLORS = {"circle": "#238b45", "line": "#2171b5", "bezier": "#d94801", "spin": "#6a51a3"}
+#: Those with the camera alone are dashed, in the colors of the others.
+_COLORS |= {camera: _COLORS[given] for camera, given in zip(CAMERA_MOTIONS, MOTIONS, strict=True)}
+#: Rows of a summary by preset and by name without ``dynamic.``.
+Rows = dict[tuple[str, str], Row]
+
+
+def curve_points(found: Rows, curve: str) -> list[tuple[float, str]]:
+    """Speeds and presets of the points of a curve, slowest first."""
+    presets = {preset for preset, name in found if name == "held_percent"}
+    points = [p.partition("/") for p in presets if p.startswith(f"{curve}/")]
+    return sorted((float(speed), f"{curve}/{speed}") for _, _, speed in points)
+
+
+def draw_curves(found: Rows, curves: Sequence[str], filename: Path) -> None:
+    """Draws the share of runs that held over the speed; the bands are 95 % intervals."""
+    panels = {label: [c for c in of if c in curves] for label, of in _AXES.items()}
+    panels = {label: of for label, of in panels.items() if of}
+    figure = Figure(figsize=(5.5 * len(panels), 3.8), layout="constrained")
+    axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
+    for axis, (label, of) in zip(axes, panels.items(), strict=True):
+        for curve in of:
+            _draw_curve(axis, found, curve)
+        axis.set_xlabel(label)
+        axis.set_xlim(left=0.0)
+        axis.set_ylim(0.0, 103.0)
+        axis.grid(alpha=0.3)
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.legend(frameon=False, loc="lower left")
+    axes[0].set_ylabel("held [%]")
+    save_figure(figure, filename, dpi=110)
+
+
+def _draw_curve(axis: Axes, found: Rows, curve: str) -> None:
+    points = curve_points(found, curve)
+    rows = [found[preset, "held_percent"] for _, preset in points]
+    speeds, held = [speed for speed, _ in points], [row.value for row in rows]
+    low = [row.value if row.low is None else row.low for row in rows]
+    high = [row.value if row.high is None else row.high for row in rows]
+    color = _COLORS[curve]
+    axis.fill_between(speeds, low, high, color=color, alpha=0.15, linewidth=0.0)
+    style = "o--" if curve in CAMERA_MOTIONS else "o-"
+    axis.plot(speeds, held, style, color=color, label=curve)
+
+
 _CAUSES = r"cause\..*"
 
 
@@ -57,7 +105,7 @@ _TABLES = (
         r"Paper\w+/\w+/\w+",
         (
             *HANDLING,
-            *_LIMITS[1:],
+            *LIMITS[1:4],
             "grasp_position_error_mm_median",
             "grasp_angle_error_deg_median",
             "settling_time_s",
@@ -93,7 +141,7 @@ _TABLES = (
             "held_percent",
             *HANDLING,
             "self_collision_percent",
-            *_LIMITS,
+            *LIMITS[:4],
             r"obstacle_distance_min_mm.*",
             "settling_time_s",
             r"planning_ms\.worst",
@@ -224,10 +272,10 @@ def faults_report(rows: Sequence[Row]) -> str:
             continue
         figures = [(found.get((name, key)), digits) for key, _, digits in _FAULTS]
         cells = ["" if row is None else f"{row.value:.{digits}f}" for row, digits in figures]
-        about = [FAULTS[name].what, FAULTS[name].behaviour] if name in FAULTS else ["", ""]
+        what = FAULTS[name].what if name in FAULTS else ""
         mark = " *" if name in FAULTS and FAULTS[name].held else ""
-        lines.append([f"`{name}`{mark}", *about, *cells, str(found[name, "crashes"].n)])
-    heads = ["fault", "what goes wrong", "what the cell does", *(head for _, head, _ in _FAULTS)]
+        lines.append([f"`{name}`{mark}", what, *cells, str(found[name, "crashes"].n)])
+    heads = ["fault", "what goes wrong", *(head for _, head, _ in _FAULTS)]
     parts = [
         markdown_table([*heads, "runs"], lines),
         "Limits broken and crashes count runs; `*`: the object is to be held nevertheless.",
@@ -241,6 +289,12 @@ def faults_report(rows: Sequence[Row]) -> str:
                 f"({rest.n} runs)."
             )
     return "\n\n".join(parts)
+
+
+def markdown_table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """A table; every line has as many cells as ``heads``."""
+    rows = [list(heads), ["---"] * len(heads), *map(list, lines)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
 
 
 def _by_preset(rows: Sequence[Row], first: str) -> Rows:

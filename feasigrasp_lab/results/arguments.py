@@ -60,10 +60,20 @@ def add_common_arguments(parser: argparse.ArgumentParser, *, out: str, objects: 
     parser.add_argument(
         "--objects",
         default=objects,
-        help="Objects: 'builtin' for all built-in ones, a folder of meshes, or names and mesh "
-        f"files separated by commas. Default: {objects or 'see the page of the command in docs'}.",
+        help="Objects: 'builtin' for all built-in ones, folders of meshes, names and mesh files, "
+        f"separated by commas. Default: {objects or 'see the page of the command in docs'}.",
     )
     parser.add_argument("--quick", action="store_true", help="Run a sample, in at most 3 minutes.")
+
+
+def add_controllers_argument(parser: argparse.ArgumentParser) -> None:
+    """Adds ``--controllers``."""
+    parser.add_argument(
+        "--controllers",
+        type=names,
+        default=["task", "joint"],
+        help="Controllers, separated by commas.",
+    )
 
 
 def names(text: str) -> list[str]:
@@ -103,7 +113,7 @@ def select_objects(selection: str) -> dict[str, str]:
     """The objects that ``--objects`` asks for.
 
     Args:
-        selection: ``builtin``, a folder of meshes, or built-in names and mesh files separated by
+        selection: ``builtin``, folders of meshes, built-in names and mesh files, separated by
             commas.
 
     Returns:
@@ -112,19 +122,22 @@ def select_objects(selection: str) -> dict[str, str]:
     Raises:
         MeshError: A folder without meshes, nothing named at all, or two files of one name.
     """
-    if selection == "builtin":
-        return {name: name for name in builtin_objects()}
-    if Path(selection).is_dir():
-        return {name: str(path) for name, path in find_objects(selection).items()}
     try:
-        files = names(selection)
+        parts = names(selection)
     except argparse.ArgumentTypeError as error:
         raise MeshError(f"--objects {selection!r}: {error}; name an object or a file") from error
     objects: dict[str, str] = {}
-    for file in files:
-        other = objects.setdefault(Path(file).stem, file)
-        if other != file:
-            raise MeshError(
-                f"--objects: {other} and {file} have the same name, which results go by; rename one"
-            )
+    for part in parts:
+        found = {Path(part).stem: part}
+        if part == "builtin":
+            found = {name: name for name in builtin_objects()}
+        elif Path(part).is_dir():
+            found = {name: str(path) for name, path in find_objects(part).items()}
+        for name, file in found.items():
+            other = objects.setdefault(name, file)
+            if other != file:
+                raise MeshError(
+                    f"--objects: {other} and {file} have the same name, which results go by; "
+                    "rename one"
+                )
     return objects

@@ -185,11 +185,9 @@ def _shares_of_draws(k: int) -> Array:
     return np.random.default_rng(k).multinomial(k, np.full(k, 1.0 / k), 10_000) / k
 
 
-def resampled(
-    items: Sequence[Item], statistic: Callable[[Sequence[Item]], float], seed: int = 0
-) -> Estimate:
+def resampled(items: Sequence[Item], statistic: Callable[[Sequence[Item]], float]) -> Estimate:
     """A statistic of items (objects), with the interval that resampling the items gives."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     value, n = statistic(items), len(items)
     if n < 2:
         return Estimate(value, None, None, n)
@@ -198,21 +196,6 @@ def resampled(
     tail = 50.0 * (1.0 - CONFIDENCE)
     low, high = np.nanpercentile(drawn, [tail, 100.0 - tail])
     return Estimate(value, float(low), float(high), n)
-
-
-def roc_curve(score: Array, positive: Mask) -> tuple[Array, Array]:
-    """Shares of false and of true positives as the threshold falls, from (0, 0) to (1, 1).
-
-    Args:
-        score: Higher means more likely positive, shape (n,).
-        positive: The truth, shape (n,).
-    """
-    order = np.argsort(-score, kind="stable")
-    true = np.concatenate([[0.0], np.cumsum(positive[order])])
-    false = np.concatenate([[0.0], np.cumsum(~positive[order])])
-    # Between equal scores there is no threshold.
-    keep = np.concatenate([[True], np.diff(score[order]) != 0.0, [True]])
-    return false[keep] / max(false[-1], 1.0), true[keep] / max(true[-1], 1.0)
 
 
 def area_under_curve(score: Array, positive: Mask) -> Estimate:
@@ -231,15 +214,3 @@ def area_under_curve(score: Array, positive: Mask) -> Estimate:
     variance = area * (1.0 - area) + (n - 1) * (q1 - area**2) + (m - 1) * (q2 - area**2)
     half = _Z * math.sqrt(max(variance, 0.0) / (n * m))
     return Estimate(area, max(area - half, 0.0), min(area + half, 1.0), n + m)
-
-
-def average_precision(score: Array, positive: Mask) -> float:
-    """Mean of the precision at every positive as the threshold falls; ties in any order.
-
-    The area under the precision-recall curve without interpolation; NaN without a positive.
-    """
-    hits = positive[np.argsort(-score, kind="stable")].astype(float)
-    if not hits.any():
-        return float("nan")
-    precision = np.cumsum(hits) / np.arange(1, len(hits) + 1)
-    return float((precision * hits).sum() / hits.sum())

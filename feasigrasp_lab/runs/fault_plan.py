@@ -24,15 +24,7 @@ from feasigrasp_lab.results.arguments import select_objects
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.runs.plan import PlannedRun, chosen_text
 from feasigrasp_lab.runs.studies import STUDIES
-
-#: Metrics that say that a limit was broken: their share of samples or ticks [%].
-_LIMITS = (
-    "joint_limit_violation_percent",
-    "velocity_limit_violation_percent",
-    "acceleration_limit_violation_percent",
-    "torque_limit_violation_percent",
-    "self_collision_percent",
-)
+from feasigrasp_lab.runs.summary import LIMITS
 
 
 @dataclass(frozen=True)
@@ -157,7 +149,7 @@ def outcome(run: FaultRun, record: Record) -> dict[str, Any]:
     noticed = _noticed(run, record, fault)
     held = bool(metrics["grasp_held"])
     worst, share = max(
-        ((name, metrics.get(name) or 0.0) for name in _LIMITS), key=lambda pair: pair[1]
+        ((name, metrics.get(name) or 0.0) for name in LIMITS), key=lambda pair: pair[1]
     )
     depth = metrics["obstacle_distance_min_mm"]
     in_table = depth is not None and depth < 0.0

@@ -19,7 +19,7 @@ from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.results.arguments import names, select_objects
+from feasigrasp_lab.results.arguments import add_controllers_argument, names, select_objects
 from feasigrasp_lab.results.workers import Shard
 from feasigrasp_lab.runs.studies import STUDIES, Study, study_of, suffix_of
 
@@ -101,12 +101,7 @@ def add_plan_arguments(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument(
         "--scenarios", type=names, help="Scenarios, separated by commas. Default: the study's."
     )
-    parser.add_argument(
-        "--controllers",
-        type=names,
-        default=["task", "joint"],
-        help="Controllers, separated by commas.",
-    )
+    add_controllers_argument(parser)
     parser.add_argument(
         "--mode", type=names, help="Modes, separated by commas. Default: the study's."
     )

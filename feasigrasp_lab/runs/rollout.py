@@ -9,7 +9,6 @@ on: contact, the arm's own dynamics, and what the camera happens to see. Three l
 from __future__ import annotations
 
 import dataclasses as dc
-import math
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
@@ -38,11 +37,10 @@ from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.one_thread import one_thread
 from feasigrasp.runs.metrics.motion_limits import JointTicks
 from feasigrasp.runs.metrics.reference_robot import reference_robot, self_collision_metrics
-from feasigrasp.runs.metrics.run_metrics import TRACKED_ANGLE, TRACKED_POSITION, summarize
-from feasigrasp.runs.metrics.table import METRICS, Metric, Subject
+from feasigrasp.runs.metrics.run_metrics import summarize
 from feasigrasp.scenario.sampling import lap, make_motion
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD, Metrics
+from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.ports import weakly
 from feasigrasp.systems.stages.controllers import (
@@ -56,25 +54,14 @@ from feasigrasp.systems.station.directives import cell_directives
 #: Makes the controller of a scenario; its ports are those of `GraspController`.
 ControllerFactory = Callable[[Scenario, Reachability], LeafSystem]
 
-#: Every metric of a rollout.
-ROLLOUT_METRICS: dict[str, Metric] = METRICS | {
-    "regrip_cost_cm": Metric(
-        Subject.APPROACH,
-        "cm",
-        "distance added between grasps",
-        "mean gripper-object distance less its mean at a grasp",
-        lower=-math.inf,
-    )
-}
-
 
 @dc.dataclass(frozen=True, eq=False)
 class Rollout:
     """What happened.
 
     Attributes:
-        metrics: The metrics of `feasigrasp.runs.metrics.run_metrics.summarize` and those of
-            `rollout_metrics`.
+        metrics: Those of `feasigrasp.runs.metrics.run_metrics.summarize`, of a run that never
+            closes the gripper.
         times: Times of the samples [s], shape (n,).
         samples: Samples, one row per entry of `feasigrasp.systems.metrics.SAMPLE_NAMES`.
         states: Joint positions [rad], then velocities [rad/s], at every tick, shape (m, 14).
@@ -217,34 +204,14 @@ def roll_out(
         diagram.GetSubsystemByName(f"log({name})").FindLog(context) for name in ("metrics", "drive")
     ]
     (times, samples), (_, states) = [(log.sample_times().copy(), log.data().copy()) for log in logs]
-    every = max(1, round(SAMPLE_PERIOD / scenario.control.period))
-    Q = states.T[::every, : IIWA_7.joints]
+    period = scenario.control.period
+    q, qd = np.split(states.T, 2, axis=1)
+    every = max(1, round(SAMPLE_PERIOD / period))
+    ticks = JointTicks(sent=q, velocity=qd, period=period, step=period)
     return Rollout(
-        rollout_metrics(samples, states.T, scenario.control.period)
-        | self_collision_metrics(reference_robot(cell_directives(scenario)), Q),
+        summarize(samples, closes=False, ticks=ticks)
+        | self_collision_metrics(reference_robot(cell_directives(scenario)), q[::every]),
         times,
         samples,
         states.T,
     )
-
-
-def rollout_metrics(samples: Array, states: Array, period: float) -> dict[str, Any]:
-    """The metrics of a run that never closes the gripper.
-
-    ``regrip_cost_cm`` is the mean distance of hand and object less the mean while a grasp is
-    tracked: what the ways between grasps, unwinding included, add to the distance; None if none is
-    ever tracked.
-
-    Args:
-        samples: One row per entry of `SAMPLE_NAMES`, shape (s, n).
-        states: Joint positions and velocities at every tick, shape (m, 14).
-        period: Time between ticks [s].
-    """
-    x = dict(zip(SAMPLE_NAMES, samples, strict=True))
-    q, qd = np.split(states, 2, axis=1)
-    distance = np.linalg.norm([x["p_HO_x"], x["p_HO_y"], x["p_HO_z"]], axis=0)
-    close = x["grasp_position_error"] < TRACKED_POSITION
-    tracked = close & (x["grasp_angle_error"] < TRACKED_ANGLE)
-    cost = 100.0 * float(distance.mean() - distance[tracked].mean()) if tracked.any() else None
-    ticks = JointTicks(sent=q, velocity=qd, period=period, step=period)
-    return summarize(samples, closes=False, ticks=ticks) | {"regrip_cost_cm": cost}

@@ -6,20 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from feasigrasp_lab.protocols.ablations import ABLATIONS
-from feasigrasp_lab.protocols.cell_bodies import BODIES
-from feasigrasp_lab.protocols.degradations import (
+from feasigrasp_lab.protocols.changes import (
+    AT_SPEEDS,
+    AT_SPINS,
+    BODIES,
+    CAMERA_MOTIONS,
     DEGRADATIONS,
+    MOTIONS,
     Change,
     given_truth,
     motion_capture,
     perfect_sensors,
     unchanged,
-)
-from feasigrasp_lab.protocols.speed import (
-    AT_SPEEDS,
-    AT_SPINS,
-    CAMERA_MOTIONS,
-    MOTIONS,
 )
 
 #: Object of the size of the paper's, 5.8 x 5.4 x 4.1 cm.

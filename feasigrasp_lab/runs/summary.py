@@ -12,7 +12,7 @@ import numpy as np
 from feasigrasp.models.choices import SAFE
 from feasigrasp.runs.metrics.table import FIGURES, METRICS, Over
 from feasigrasp_lab.protocols.ablations import ablation_rows, controller_rows
-from feasigrasp_lab.protocols.speed import curve_point
+from feasigrasp_lab.protocols.changes import curve_point
 from feasigrasp_lab.protocols.tuned import rows_apart
 from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.results.statistics import grouped, mean_of_objects
@@ -30,6 +30,14 @@ HANDLING = (
     "turned_deg",
     "true_acceleration_peak_percent",
     "true_acceleration_violation_percent",
+)
+#: Metrics that say that a limit was broken: their share of samples or ticks [%].
+LIMITS = (
+    "joint_limit_violation_percent",
+    "velocity_limit_violation_percent",
+    "acceleration_limit_violation_percent",
+    "torque_limit_violation_percent",
+    "self_collision_percent",
 )
 #: Columns of the printed table: head, row name.
 _COLUMNS = (

@@ -18,7 +18,7 @@ from feasigrasp.runs.results.arguments import positive
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp_lab.protocols.fault_table import FAULTS
 from feasigrasp_lab.protocols.tuned import rows_apart
-from feasigrasp_lab.results.arguments import add_common_arguments, names
+from feasigrasp_lab.results.arguments import add_common_arguments, add_controllers_argument, names
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp_lab.results.statistics import grouped
@@ -41,12 +41,7 @@ _LOST, _LOOKED_AT = "pose_nan", 2.5
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/faults", objects="duck,soup_can,small_box")
-    parser.add_argument(
-        "--controllers",
-        type=names,
-        default=["task", "joint"],
-        help="Controllers, separated by commas.",
-    )
+    add_controllers_argument(parser)
     parser.add_argument("--faults", type=names, help="Faults, separated by commas. Default: all.")
     parser.add_argument(
         "--instants", type=positive, default=5, help="Number of random start times of a fault."

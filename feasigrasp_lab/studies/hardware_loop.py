@@ -20,7 +20,11 @@ from feasigrasp.errors import FeasigraspError
 from feasigrasp.runs.results.arguments import factor, positive
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp_lab.protocols.tuned import rows_apart
-from feasigrasp_lab.results.arguments import FormerOption, add_common_arguments, names
+from feasigrasp_lab.results.arguments import (
+    FormerOption,
+    add_common_arguments,
+    add_controllers_argument,
+)
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp_lab.runs.hardware_network import Network
@@ -33,15 +37,8 @@ from feasigrasp_lab.runs.plan import (
     add_scenario_arguments,
     plan,
 )
+from feasigrasp_lab.runs.summary import LIMITS
 
-#: Metrics that say that a limit was broken: their share of samples or ticks [%].
-LIMITS = (
-    "joint_limit_violation_percent",
-    "velocity_limit_violation_percent",
-    "acceleration_limit_violation_percent",
-    "torque_limit_violation_percent",
-    "self_collision_percent",
-)
 _AT_CONTROLLER = [fault for fault in ProcessFault if not (fault.at_worker or fault.at_guard)]
 _GUARD_ENDS = ProcessFault.END_GUARD, ProcessFault.KILL_GUARD
 #: Faults that end the run: the arm comes to rest.
@@ -57,12 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/hardware", objects=None)
     parser.add_argument("--seeds", type=positive, default=1, help="Number of repeats of every run.")
-    parser.add_argument(
-        "--controllers",
-        type=names,
-        default=["task", "joint"],
-        help="Controllers, separated by commas.",
-    )
+    add_controllers_argument(parser)
     parser.add_argument(
         "--rate",
         type=factor,

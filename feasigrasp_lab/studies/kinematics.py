@@ -1,28 +1,24 @@
 """``feasigrasp evaluate kinematics``: compare the arm's kinematics with Drake's.
 
-Forward kinematics, Jacobian and self-collision are compared with Drake's plant and collision
-checker, inverse kinematics with forward kinematics. A command that was interrupted goes on after
-its last finished part.
+Forward kinematics, Jacobian and self-collision are compared with Drake's plant and scene graph,
+inverse kinematics with forward kinematics.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.ik.self_motion import arm_angle, closed_form
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp_lab.arm.self_collision import in_collision, min_distance
-from feasigrasp_lab.peers.drake_arm import DrakeArm
+from feasigrasp_lab.arm import in_collision, min_distance
+from feasigrasp_lab.peers import DrakeArm
 from feasigrasp_lab.results.arguments import add_common_arguments
-from feasigrasp_lab.results.finished import finish
 from feasigrasp_lab.results.rows import Row, report_rows, write_csv
 
 
@@ -83,51 +79,24 @@ def inverse_rows(n: int, seed: int, folder: Path) -> list[Row]:
     ]
 
 
-def collision_rows(n: int, seed: int, folder: Path) -> list[Row]:
-    """Verdicts that differ from Drake's: ``n`` uniform and a tenth as many folded configurations.
-
-    The row of preset ``default`` is that of the first 1e5 uniform ones and the collision checker.
-    The others name the configurations and which of Drake's two queries was asked, the checker's
-    or ``has_collisions``; see `DrakeArm.in_collision` for why these two are not always of one mind.
-    """
-    # Uniform configurations behind the row of preset ``default`` of the collisions.
-    judged = 100_000
+def collision_rows(n: int, seed: int) -> list[Row]:
+    """Verdicts that differ from Drake's, of ``n`` uniform and as many `folded_configurations`."""
     rng = np.random.default_rng([seed, 2])
-    drake = DrakeArm()
-    rows, disagreements = [], []
-    for kind, Q in (
-        ("uniform", IIWA_7.random_positions(rng, n)),
-        ("folded", folded_configurations(n // 10, rng)),
+    drake, rows = DrakeArm(), []
+    for preset, Q in (
+        ("default", IIWA_7.random_positions(rng, n)),
+        ("folded", folded_configurations(n, rng)),
     ):
         ours = in_collision(Q)
-        verdicts = {"checker": drake.in_collision(Q), "has_collisions": drake.has_collisions(Q)}
-        if kind == "uniform":
-            rows += _mismatch_rows("default", Q[:judged], ours[:judged], verdicts["checker"])
-        for query, theirs in verdicts.items():
-            rows += _mismatch_rows(f"{kind}/{query}", Q, ours, theirs)
-        checker, simple = verdicts.values()
-        odd = np.flatnonzero((ours != checker) | (ours != simple))
-        distance = np.array([min_distance(q) for q in Q[odd]])
-        verdicts_of_odd = np.column_stack((ours, checker, simple))[odd]
-        disagreements.append(np.column_stack((Q[odd], distance, verdicts_of_odd)))
-    header = "q1,q2,q3,q4,q5,q6,q7,distance_m,ours,checker,has_collisions"
-    _write(folder / "collision_disagreements.csv", header, np.concatenate(disagreements))
+        differ = Q[ours != drake.has_collisions(Q)]
+        # Configurations closer to contact are not judged: the two programs round differently [m].
+        touching = sum(abs(min_distance(q)) < 1e-9 for q in differ)
+        rows += [
+            Row.plain("kinematics.collision_mismatches", preset, len(differ) - touching, "1", n),
+            Row.plain("kinematics.collision_at_contact", preset, touching, "1", n),
+            Row.plain("kinematics.collision_hits", preset, int(ours.sum()), "1", n),
+        ]
     return rows
-
-
-def _mismatch_rows(preset: str, Q: Array, ours: Mask, theirs: Mask) -> list[Row]:
-    n = len(ours)
-    differ = Q[ours != theirs[:n]]
-    # Configurations closer to contact are not judged: the two programs round differently [m].
-    touching = sum(abs(min_distance(q)) < 1e-9 for q in differ)
-    counts = {
-        "collision_mismatches": len(differ) - touching,
-        "collision_at_contact": touching,
-        "collision_hits": int(ours.sum()),
-    }
-    return [
-        Row.plain(f"kinematics.{name}", preset, count, "1", n) for name, count in counts.items()
-    ]
 
 
 def _write(filename: Path, header: str, *columns: Array) -> None:
@@ -137,18 +106,10 @@ def _write(filename: Path, header: str, *columns: Array) -> None:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     n = 10_000 if args.quick else 100_000
-    parts: dict[str, Callable[[], Sequence[Row]]] = {
-        "forward": lambda: forward_rows(10_000, args.seed, args.out),
-        "inverse": lambda: inverse_rows(n, args.seed, args.out),
-        "collision": lambda: collision_rows(10 * n, args.seed, args.out),
-    }
-    settings = {"seed": args.seed, "quick": args.quick}
-    rows = []
-    with tqdm(parts.items(), desc="kinematics", unit="part") as bar:
-        for name, measure in bar:
-            bar.set_postfix_str(name)
-            part = args.out / "parts" / f"{name}.json"
-            records = finish(part, settings, lambda of=measure: [asdict(row) for row in of()])  # type: ignore[misc]
-            rows += [Row(**record) for record in records]
+    rows = [
+        *forward_rows(10_000, args.seed, args.out),
+        *inverse_rows(n, args.seed, args.out),
+        *collision_rows(n, args.seed),
+    ]
     report_rows(args, "evaluate kinematics", rows)
     return 0

@@ -7,14 +7,20 @@ import itertools
 import time
 
 from feasigrasp.models.choices import mode_names
+from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.runs.results.arguments import positive
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
-from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
+from feasigrasp_lab.results.arguments import (
+    add_common_arguments,
+    add_controllers_argument,
+    names,
+    select_objects,
+)
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp_lab.results.statistics import mean
 from feasigrasp_lab.runs.plan import PlannedRun, add_scenario_arguments, plan_run
-from feasigrasp_lab.runs.rollout import ROLLOUT_METRICS, roll_out
+from feasigrasp_lab.runs.rollout import roll_out
 from feasigrasp_lab.runs.studies import study_of
 
 SCENARIOS = "PaperCircular,PaperLinear,PaperSinusoidal"
@@ -29,7 +35,6 @@ _PRINTED = (
     "tracked_percent",
     "settling_time_s",
     "grasp_switches",
-    "regrip_cost_cm",
     "cpu_s",
 )
 
@@ -40,12 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenarios", type=names, default=names(SCENARIOS), help="Scenarios, separated by commas."
     )
-    parser.add_argument(
-        "--controllers",
-        type=names,
-        default=["task", "joint"],
-        help="Controllers, separated by commas.",
-    )
+    add_controllers_argument(parser)
     parser.add_argument(
         "--seeds", type=positive, default=5, help="Number of repeats, with consecutive seeds."
     )
@@ -95,7 +95,7 @@ def summary_rows(records: dict[str, list[Record]]) -> list[Row]:
     for preset, runs in records.items():
         for name in runs[0]:
             values = [run[name] for run in runs if isinstance(run[name], float)]
-            metric = ROLLOUT_METRICS.get(name)
+            metric = METRICS.get(name)
             if values and (metric is None or metric.averaged):
                 bounds = (metric.lower, metric.upper) if metric else (0.0, float("inf"))
                 unit = metric.unit if metric else "s"

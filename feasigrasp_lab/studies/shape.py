@@ -11,52 +11,37 @@ from __future__ import annotations
 import argparse
 import itertools
 import zlib
-from collections.abc import Sequence
-from functools import cache, partial
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from operator import itemgetter
-from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
+import trimesh
+from scipy.spatial import cKDTree
 
-from feasigrasp.models.arrays import Array
+from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.models.shape.completion import DEFAULT, complete_shape
-from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation
-from feasigrasp.outputs import save_figure
+from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.runs.results.arguments import positive
-from feasigrasp_lab.measures.shape import measure, true_samples
-from feasigrasp_lab.measures.timing import cpu_ms
-from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
+from feasigrasp_lab.results.arguments import add_common_arguments, select_objects
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.results.rows import Row, report_rows, write_csv
-from feasigrasp_lab.results.statistics import grouped, mean
+from feasigrasp_lab.results.statistics import area_under_curve, grouped, mean
 from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 PRESETS = ("paper", "default")
-#: Standard deviation of the tracked pose in the ``3views_tracked`` condition: [m] and [rad].
-#: Source: definition.
-TRACKING = (0.002, float(np.deg2rad(1.0)))
-#: What is looked at how: number of views and tracking noise.
-CONDITIONS = {"1view": (1, (0.0, 0.0)), "3views": (3, (0.0, 0.0)), "3views_tracked": (3, TRACKING)}
-#: Figures of the summary, by condition: column, unit and row name.
+#: Number of views by condition.
+CONDITIONS = {"1view": 1, "3views": 3}
+#: Figures of the summary: condition, column, unit and row name.
 FIGURES = (
     ("1view", "true_to_completed_mm", "mm", "shape.true_to_completed_mm.1view"),
     ("1view", "unseen_mm", "mm", "shape.unseen_mm.1view"),
     ("3views", "true_to_completed_mm", "mm", "shape.true_to_completed_mm.3views"),
-    ("1view", "normal_seen_deg", "deg", "shape.normal_seen_deg"),
     ("1view", "variance_auc", "1", "shape.variance_auc"),
     ("1view", "invented_percent", "%", "shape.invented_percent.1view"),
-    # Beyond the bars.
-    ("1view", "variance_auc_in_sight", "1", "shape.variance_auc_in_sight"),
-    ("1view", "seen_mm", "mm", "shape.seen_mm.1view"),
-    ("1view", "completed_to_true_mm", "mm", "shape.completed_to_true_mm.1view"),
-    ("1view", "invented_area_percent", "%", "shape.invented_area_percent.1view"),
     ("3views", "invented_percent", "%", "shape.invented_percent.3views"),
-    ("3views_tracked", "true_to_completed_mm", "mm", "shape.true_to_completed_mm.3views_tracked"),
-    ("3views_tracked", "invented_percent", "%", "shape.invented_percent.3views_tracked"),
-    ("1view", "cpu_ms", "ms", "shape.cpu_ms.1view"),
-    ("3views", "cpu_ms", "ms", "shape.cpu_ms.3views"),
 )
 
 
@@ -72,51 +57,158 @@ def evaluate_object(name: str, path: str, views: int, seed: int) -> list[Record]
     """Measures all views, conditions and presets of one object.
 
     Returns:
-        One record each: the figures of `measure`, what they are of, the processor time of a view
-        [ms] and, for calibration, the predicted deviation and the error of completed points.
+        One record each: the figures of `measure`, and what they are of.
     """
-    _warm_up()
     viewed = ViewedObject(load_object(path))
     points, normals = true_samples(viewed, seed)
     records = []
     for index in range(views):
-        for condition, (count, tracking) in CONDITIONS.items():
+        for condition, count in CONDITIONS.items():
             rng = np.random.default_rng([seed, zlib.crc32(name.encode()), index])
-            cameras = turning_views(rng, viewed.center, max(n for n, _ in CONDITIONS.values()))
-            seen = [viewed.view(X_OC, rng, tracking) for X_OC in cameras[:count]]
+            cameras = turning_views(rng, viewed.center, max(CONDITIONS.values()))
+            seen = [viewed.view(X_OC, rng) for X_OC in cameras[:count]]
             for preset in PRESETS:
-                field, cpu = cpu_ms(partial(_completed, seen, preset))
-                surface = field.completion
+                field = complete_shape(fused(seen, smooth=preset == DEFAULT), preset=preset)
                 record: Record = {"object": name, "view": index, "condition": condition}
-                record |= {"preset": preset, "cpu_ms": cpu / count}
-                record |= measure(viewed, field, seen, points, normals)
-                record["deviation"] = surface_deviation(field, surface.points).round(6).tolist()
-                record["error"] = viewed.surface.distance(surface.points).round(6).tolist()
-                records.append(record)
+                figures = measure(viewed, field, seen, points, normals)
+                records.append(record | {"preset": preset} | figures)
     return records
 
 
-def _completed(seen: Sequence[PartialView], preset: str) -> Gpdf:
-    """The field of some views, with its completed surface."""
-    field = complete_shape(fused(seen, smooth=preset == DEFAULT), preset=preset)
-    _ = field.completion
-    return field
+# The completed surface itself, the zero level set of a distance field, as dense samples.
+#
+# The pipeline works with the 8 x 8 x 8 grid of `Gpdf.surface`; its points are a centimetre apart
+# and unevenly spread, too coarse to measure millimetres against. Here a fine grid finds the surface
+# by changes of sign, its crossings are spread out on the tangent planes, and all of it is
+# projected.
 
 
-@cache
-def _warm_up() -> None:
-    """Loads compiled code and weights, which would count as time of the process's first view."""
-    viewed, rng = ViewedObject(load_object("ball")), np.random.default_rng(0)
-    seen = [viewed.view(X_OC, rng) for X_OC in turning_views(rng, viewed.center, 2)]
-    for preset in PRESETS:
-        _completed(seen, preset)
+@dataclass(frozen=True, eq=False)
+class LevelSet:
+    """Samples of a completed surface.
+
+    Attributes:
+        points: Shape (m, 3) [m].
+        normals: Outward unit normals, shape (m, 3).
+        spacing: Typical distance between neighbouring samples [m].
+    """
+
+    points: Array
+    normals: Array
+    spacing: float
+
+    def distance(self, x: Array) -> Array:
+        """Distance of points (n, 3) to the surface, (n,) [m]; infinite if there is none.
+
+        A sample stands for a disc of radius ``spacing / 2`` in its tangent plane, so that the gaps
+        between samples do not count as error.
+        """
+        if len(self.points) == 0:
+            return np.full(len(x), np.inf)
+        # Nearest samples whose tangent discs are tried for a distance.
+        near = cKDTree(self.points).query(x, k=min(4, len(self.points)))[1]
+        offset = x[:, None] - self.points[near.reshape(len(x), -1)]
+        height = np.einsum("nkj,nkj->nk", offset, self.normals[near.reshape(len(x), -1)])
+        across = np.sqrt(np.maximum(np.einsum("nkj,nkj->nk", offset, offset) - height**2, 0.0))
+        beyond = np.maximum(across - self.spacing / 2, 0.0)
+        return np.asarray(np.sqrt(height**2 + beyond**2).min(axis=1))
+
+
+def sample_level_set(field: Gpdf, seeds: Iterable[Array] = ()) -> LevelSet:
+    """Samples the completed surface of a field.
+
+    Args:
+        field: The field. If it has free space, surface in it does not count, see
+            `CompletedField.possible`.
+        seeds: More points (n, 3) that are projected onto the surface: walls thinner than a cell
+            change no sign.
+    """
+    # Cells of the grid along each side of the box that `Gpdf.surface` searches.
+    cells = 40
+    field = replace(field, damped=True)  # the paper's short steps end beside the surface
+    lower, upper = field.search_box
+    axes = [np.linspace(a, b, cells) for a, b in zip(lower, upper, strict=True)]
+    step = (upper - lower) / (cells - 1)
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    value = field.distance(grid.reshape(-1, 3)).reshape(cells, cells, cells)
+
+    crossings = []
+    for axis in range(3):
+        low = np.take(value, range(cells - 1), axis)
+        high = np.take(value, range(1, cells), axis)
+        index = np.argwhere((low < 0.0) != (high < 0.0))
+        a, b = low[tuple(index.T)], high[tuple(index.T)]
+        start = grid[tuple(index.T)]
+        start[:, axis] += step[axis] * a / (a - b)
+        crossings.append(start)
+    points, normals = _project(field, np.concatenate(crossings))
+    spacing = float(np.prod(step) ** (1.0 / 3.0)) / 2.0
+    first, second = perpendiculars(normals)
+    spread = [points + spacing * side for side in (first, -first, second, -second)]
+    more = _project(field, np.concatenate([*spread, *seeds]), steps=4)
+    points, normals = np.concatenate([points, more[0]]), np.concatenate([normals, more[1]])
+    kept = field.possible(points)
+    return LevelSet(points[kept], normals[kept], spacing)
+
+
+def _project(field: Gpdf, x: Array, steps: int = 5) -> tuple[Array, Array]:
+    ends, normals = field.refine(x, steps)[1:]
+    # A projected point is on the surface if |d| is less [m].
+    on = np.abs(field.distance(ends)) < 5e-4
+    return ends[on], normals[on]
+
+
+def true_samples(viewed: ViewedObject, seed: int) -> tuple[Array, Array]:
+    """Points spread uniformly by area over the true surface and their normals, (2000, 3) each."""
+    points, faces = trimesh.sample.sample_surface(viewed.obj.mesh, 2000, seed=seed)
+    return np.asarray(points), np.asarray(viewed.obj.mesh.face_normals[faces])
+
+
+def measure(
+    viewed: ViewedObject, field: Gpdf, views: Sequence[PartialView], points: Array, normals: Array
+) -> dict[str, float]:
+    """Compares a completed shape with the truth.
+
+    Args:
+        viewed: The object.
+        field: The completed shape, in O.
+        views: What it was made from.
+        points: Points on the true surface, shape (n, 3) [m].
+        normals: Their normals, shape (n, 3).
+
+    Returns:
+        By name: distances in mm, shares in percent. NaN where there is nothing to measure (no
+        unseen point, say).
+    """
+    # Completed points farther from the true surface than this are invented [m].
+    invented = 0.01
+    in_sight, seen = np.any([viewed.sees(points, normals, view) for view in views], axis=0)
+    hidden, judged = ~in_sight, ~in_sight | seen
+    surface = sample_level_set(field, (field.points, points))
+    distance = 1e3 * surface.distance(points)
+    used_error = viewed.surface.distance(field.completion.points)
+    return {
+        "true_to_completed_mm": float(distance.mean()),
+        "unseen_mm": _mean(distance[hidden]),
+        "variance_auc": auc(field.variance(points[judged]), hidden[judged]),
+        "invented_percent": 100.0 * _mean((used_error > invented).astype(float)),
+    }
+
+
+def auc(score: Array, positive: Mask) -> float:
+    """`area_under_curve` of a score (n,) that should be larger for positives; NaN without both."""
+    if positive.all() or not positive.any():
+        return float("nan")
+    return area_under_curve(score, positive).value
+
+
+def _mean(values: Array) -> float:
+    return float(np.mean(values)) if len(values) else float("nan")
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    objects: dict[str, str] = {}
-    for part in names(args.objects):
-        objects |= select_objects(part)
+    objects = select_objects(args.objects)
     views = args.views
     if args.quick:
         objects, views = dict(list(objects.items())[:: -(-len(objects) // 12)]), min(views, 2)
@@ -125,10 +217,8 @@ def main(args: argparse.Namespace) -> int:
         objects, args.out / "objects", settings, evaluate_object, jobs=args.jobs, desc="shape"
     )
     records = [record for name in objects for record in finished[name]]
-    columns = [name for name, value in records[0].items() if not isinstance(value, list)]
-    write_csv(args.out / "views.csv", records, columns, ".6g")
-    rows = summary_rows(records) + write_reliability(records, args.out)
-    report_rows(args, "evaluate shape", rows)
+    write_csv(args.out / "views.csv", records, floats=".6g")
+    report_rows(args, "evaluate shape", summary_rows(records))
     return 0
 
 
@@ -148,47 +238,3 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
             if measured:
                 rows.append(Row.of(name, preset + group, mean(measured, lower=0.0), unit))
     return rows
-
-
-def write_reliability(records: Sequence[Record], folder: Path) -> list[Row]:
-    """Does the field know what it does not know? Predicted deviation against actual error.
-
-    Writes ``reliability.csv`` and ``reliability.png`` of one-view completions.
-
-    Returns:
-        For the built-in objects, on which the prediction was calibrated, and for others, the mean
-        difference between predicted deviation and mean error of the bins.
-    """
-    figure = Figure(figsize=(5.0, 4.2), layout="constrained")
-    axes = figure.add_subplot()
-    rows, lines, top, built_in = [], [], 0.0, set(builtin_objects())
-    one_view = [r for r in records if (r["condition"], r["preset"]) == ("1view", "default")]
-    for label, group in (("calibrated on", "builtin"), ("held out", "others")):
-        chosen = [r for r in one_view if (r["object"] in built_in) == (group == "builtin")]
-        if not chosen:
-            continue
-        error = 1e3 * np.concatenate([r["error"] for r in chosen])
-        table = _binned(1e3 * np.concatenate([r["deviation"] for r in chosen]), error)
-        lines += [(label, *figures, int(n)) for *figures, n in table.tolist()]
-        axes.plot(table[:, 0], table[:, 1], "o-", label=f"mean error, objects {label}")
-        axes.plot(table[:, 0], table[:, 2], ":", color=axes.lines[-1].get_color(), label="90 %")
-        top = max(top, table[:, :2].max())
-        gap = float(np.abs(table[:, 0] - table[:, 1]).mean())
-        name = "shape.calibration_error_mm"
-        rows.append(Row.plain(name, f"default/{group}", gap, "mm", len(error)))
-    axes.plot([0, top], [0, top], color="0.6", lw=1, label="perfect")
-    axes.set(xlabel="predicted deviation [mm]", ylabel="distance to the true surface [mm]")
-    axes.legend(fontsize=8)
-    save_figure(figure, folder / "reliability.png", dpi=150)
-    heads = ("group", "predicted_mm", "mean_error_mm", "p90_error_mm", "points")
-    write_csv(folder / "reliability.csv", lines, heads, ".3f")
-    return rows
-
-
-def _binned(predicted: Array, error: Array) -> Array:
-    """Mean prediction, mean and 90 % quantile of the error, and count of each bin, (b, 4)."""
-    # Groups of equally many completed points, by predicted deviation.
-    parts = [part for part in np.array_split(np.argsort(predicted), 12) if len(part)]
-    return np.array(
-        [[predicted[p].mean(), error[p].mean(), np.quantile(error[p], 0.9), len(p)] for p in parts]
-    )

@@ -27,9 +27,8 @@ from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.runs.results.arguments import positive
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.measures.grasps import GRASPABLE, is_graspable
 from feasigrasp_lab.paper.judge import JudgeMethod
-from feasigrasp_lab.protocols.degradations import Change, both
+from feasigrasp_lab.protocols.changes import Change, both
 from feasigrasp_lab.protocols.tuned import rows_apart
 from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
 from feasigrasp_lab.results.finished import Record, finish_all
@@ -47,6 +46,7 @@ from feasigrasp_lab.runs.run_plan import conditions_text, run_plan
 from feasigrasp_lab.runs.studies import Study
 from feasigrasp_lab.runs.summary import handling_rows
 from feasigrasp_lab.training.data.grasp_examples import true_input
+from feasigrasp_lab.training.data.grasp_labels import GRASPABLE, is_graspable
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 
 
@@ -181,9 +181,7 @@ def _variants(protocols: Sequence[str], *, ablation: bool) -> dict[str, Any]:
 
 def _graspable(args: argparse.Namespace) -> tuple[dict[str, str], dict[str, str]]:
     """The objects that the hand could hold, and why not the others, by name."""
-    objects: dict[str, str] = {}
-    for part in names(args.objects):
-        objects |= select_objects(part)
+    objects = select_objects(args.objects)
     if args.quick:
         objects = dict(list(objects.items())[:2])
     judged = finish_all(objects, args.out / "objects", {}, judge, jobs=args.jobs, desc="objects")

@@ -3,10 +3,6 @@
 The frame O is the tracker's own, so at the first view it is aligned with the object once; from then
 on every error is the tracker's. A pose is judged by the mean distance of the surface at the tracked
 pose from that at the true one (ADD-S, by the mesh itself).
-
-What the first view leaves open of O stays in every later pose, though nothing that lies in O feels
-it. So the path is judged a second time, with O where it is on an average over the run, as is usual
-for trajectories (Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012).
 """
 
 from __future__ import annotations
@@ -17,10 +13,9 @@ from functools import cached_property
 from time import thread_time
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.tracking.model import jacobian
@@ -42,15 +37,10 @@ class Frame:
     Attributes:
         time: [s].
         points: Points of the object in it.
-        measured: Whether it gave a pose.
         hold: Whether the object still moved by itself.
         surface_mm: Mean distance of the surface from where it is.
         rotation_deg: Angle of the orientation's error, without a turn about an axis of symmetry.
-        path_mm: As ``surface_mm``, with O aligned over the whole run; NaN if it was never in view.
-        path_deg: As ``rotation_deg``, in the same way.
-        spin_rad_s: Turn about such an axis that the tracker reports; NaN without one.
         speed_mm_s: Error of the velocity of the object's middle.
-        turn_rad_s: Error of the angular velocity, without that about an axis of symmetry.
         prediction_mm: As the first, `HORIZON` seconds later by the tracker's prediction; NaN where
             the recording ends before.
         frame_ms: Processor time of the image.
@@ -59,15 +49,10 @@ class Frame:
 
     time: float
     points: int
-    measured: bool
     hold: bool
     surface_mm: float
     rotation_deg: float
-    path_mm: float
-    path_deg: float
-    spin_rad_s: float
     speed_mm_s: float
-    turn_rad_s: float
     prediction_mm: float
     frame_ms: float
     keyframe_ms: float
@@ -112,21 +97,15 @@ class TrueObject:
         points = self._samples[0] @ E[:3, :3].T + E[:3, 3]
         return float(self._surface.distance(points).mean())
 
-    def split(self, w: Array, R: Array) -> tuple[Array, float]:
-        """A rotation vector in the world without its part about axes of symmetry, and that part.
+    def without_symmetric(self, w: Array, R: Array) -> Array:
+        """A rotation vector in the world without its part about axes of symmetry, shape (3,).
 
         Args:
             w: The vector, shape (3,).
             R: Orientation of the object, shape (3, 3).
-
-        Returns:
-            Shape (3,), and the length of the part that is left out; NaN without such an axis.
         """
-        if len(self.axes) == 0:
-            return w, np.nan
         axes = self.axes @ R.T
-        about = axes.T @ (axes @ w)
-        return w - about, float(np.linalg.norm(about))
+        return np.asarray(w - axes.T @ (axes @ w))
 
 
 def judge(
@@ -135,48 +114,29 @@ def judge(
     sensor: Sensor,
     truth: TrueObject,
     seed: int,
-    hidden: tuple[float, float] = (0.0, 0.0),
 ) -> dict[str, list[Frame]]:
     """Plays a recording to some trackers, and says how far off each was at every image."""
     runs = {name: _Run(tracker, recording, truth) for name, tracker in trackers.items()}
-    # One thread, as for `cpu_ms`; to ask for it at every image would take as long as the image.
+    # To ask for one thread at every image would take as long as the image.
     with threadpool_limits(1):
-        for k, view in images(recording, sensor, seed, hidden):
+        for k, view in images(recording, sensor, seed):
             for run in runs.values():
                 run.play(k, replace(view))  # without what another one has worked out
-    return {name: run.judged() for name, run in runs.items()}
+    return {name: run.frames for name, run in runs.items()}
 
 
 class _Run:
     """One tracker, and how far off it was."""
 
     def __init__(self, tracker: Tracker, recording: Recording, truth: TrueObject) -> None:
-        self._frames: list[Frame] = []
+        self.frames: list[Frame] = []
         self._tracker, self._recording, self._truth = tracker, recording, truth
         self._X_BO: Array | None = None
-        self._poses: list[tuple[Array, Array]] = []  # true ones, and those of O
-
-    def judged(self) -> list[Frame]:
-        """The images up to here."""
-        shown = [
-            se3.inverse(X_true) @ X
-            for frame, (X_true, X) in zip(self._frames, self._poses, strict=True)
-            if frame.hold and frame.points >= IN_VIEW
-        ]
-        if not shown:
-            return self._frames
-        R = Rotation.from_matrix([X[:3, :3] for X in shown]).mean().as_matrix()
-        X_OB = se3.inverse(se3.make_pose(R, np.mean([X[:3, 3] for X in shown], axis=0)))
-        errors = (self._errors(X @ X_OB, X_true) for X_true, X in self._poses)
-        return [
-            replace(frame, path_mm=surface, path_deg=turn)
-            for frame, (surface, turn) in zip(self._frames, errors, strict=True)
-        ]
 
     def _errors(self, X: Array, X_true: Array) -> tuple[float, float]:
         """Mean distance of the surface [mm] and angle [deg], see `Frame`."""
         turned = se3.so3_log(X[:3, :3] @ X_true[:3, :3].T)
-        swing, _ = self._truth.split(turned, X_true[:3, :3])
+        swing = self._truth.without_symmetric(turned, X_true[:3, :3])
         surface = 1e3 * self._truth.surface_error(X, X_true)
         return surface, float(np.rad2deg(np.linalg.norm(swing)))
 
@@ -195,8 +155,6 @@ class _Run:
         X_OB = se3.inverse(self._X_BO)
         X, V = tracker.X_WO @ X_OB, tracker.V_WO
         surface, angle = self._errors(X, X_true)
-        w, _ = truth.split(V[:3] - recording.V_WO[k, :3], X_true[:3, :3])
-        _, spin = truth.split(V[:3], X[:3, :3])
         v = V[3:] + np.cross(V[:3], X[:3, 3] - tracker.X_WO[:3, 3]) - recording.V_WO[k, 3:]
         prediction, ahead = np.nan, k + round(HORIZON * RATE)
         if ahead < len(recording.times) and recording.hold[ahead]:
@@ -205,20 +163,14 @@ class _Run:
         began = thread_time()
         learnt = tracker.learnt()
         keyframe_ms = 1e3 * (thread_time() - began)
-        self._poses.append((X_true, tracker.X_WO))
-        self._frames.append(
+        self.frames.append(
             Frame(
                 time=time,
                 points=len(view.points_W),
-                measured=tracker.measured,
                 hold=bool(recording.hold[k]),
                 surface_mm=surface,
                 rotation_deg=angle,
-                path_mm=np.nan,
-                path_deg=np.nan,
-                spin_rad_s=spin,
                 speed_mm_s=1e3 * float(np.linalg.norm(v)),
-                turn_rad_s=float(np.linalg.norm(w)),
                 prediction_mm=prediction,
                 frame_ms=frame_ms,
                 keyframe_ms=keyframe_ms if learnt else np.nan,
@@ -226,7 +178,6 @@ class _Run:
         )
 
 
-def lost(frames: list[Frame], beyond_mm: float = 10.0, longer: int = 9) -> bool:
-    """Whether the surface was farther off than that in more images, while the object moved."""
-    far: Mask = np.array([f.surface_mm > beyond_mm for f in frames if f.hold])
-    return int(far.sum()) > longer
+def lost(frames: list[Frame]) -> bool:
+    """Whether the surface was more than 10 mm off in 10 images, while the object moved."""
+    return sum(frame.surface_mm > 10.0 for frame in frames if frame.hold) >= 10

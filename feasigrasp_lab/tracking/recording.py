@@ -53,16 +53,13 @@ SENSORS = {
 }
 
 
-def images(
-    recording: Recording, sensor: Sensor, seed: int, hidden: tuple[float, float] = (0.0, 0.0)
-) -> Iterator[tuple[int, ObjectView]]:
+def images(recording: Recording, sensor: Sensor, seed: int) -> Iterator[tuple[int, ObjectView]]:
     """The images of a recording, as a sensor would have made them.
 
     Args:
         recording: The recording.
         sensor: The sensor.
         seed: Of its errors.
-        hidden: From when to when something hides the object [s].
     """
     h, w = recording.depths.shape[1:]
     fx, fy, cx, cy = recording.intrinsics.tolist()
@@ -77,8 +74,6 @@ def images(
         fixed = errors.fixed(depth, camera.intrinsics, poses, recording.masks[k], MATERIALS["matt"])
         limits = {"near": sensor.near, "far": 3.0}
         depth = sensor.noise.apply(depth, recording.intrinsics, rng, **limits, fixed=fixed)
-        if hidden[0] < recording.times[k] < hidden[1]:
-            depth[:] = 0.0
         seen = np.isfinite(depth) & (depth > 0.0)
         points = unproject(np.where(seen, depth, np.inf), camera.intrinsics)
         mask = recording.masks[k]

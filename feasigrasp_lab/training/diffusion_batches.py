@@ -16,7 +16,7 @@ from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.geometry import se3
 from feasigrasp_lab.baselines.diffusion_energy import LENGTH, standard_deviation
 from feasigrasp_lab.results.finished import read_shard
-from feasigrasp_lab.training.loop import TrainingError
+from feasigrasp_lab.training.loop import TrainingError, split_families
 
 #: Least time, at which noise is 2.6 mm and 1.2 degrees. Source: guessed.
 LEAST_TIME = 4.5e-4
@@ -142,12 +142,6 @@ def load_pose_examples(
     if not shards:
         raise TrainingError("no example has enough grasps; make more objects")
     everything = PoseExamples(*(np.concatenate([s[name] for s in shards]) for name in _ENTRIES))
-    of_held = np.isin(everything.family, list(held_out))
-    held, rest = np.flatnonzero(of_held), np.flatnonzero(~of_held)
-    if len(held) == 0 or len(rest) == 0:
-        raise TrainingError(
-            f"there are grasps of the families {', '.join(np.unique(everything.family))}; to train "
-            f"and to judge, both these held out are needed and others: {', '.join(held_out)}"
-        )
+    held, rest = split_families(everything.family, held_out, "there are grasps")
     held = np.sort(np.random.default_rng(seed).permutation(held)[:n_held_out])
     return everything.chosen(rest), everything.chosen(held)

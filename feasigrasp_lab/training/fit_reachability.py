@@ -1,36 +1,150 @@
-"""``feasigrasp fit reachability``: fit a Riemannian mixture to the reachable space of the arm."""
+"""``feasigrasp fit reachability``: fit a Riemannian mixture to the reachable space of the arm.
+
+Joint positions are uniform inside their limits. Configurations in self-collision, and poses of the
+fitted frame below a floor, are dropped (the paper's section IV-B).
+
+What remains is dense where the arm is close to singular: near a configuration with manipulability m
+= sqrt(det J J^T), poses have density 1/m. A mixture fitted to them describes those crowds first.
+Where it is to separate reachable poses from others, draws can be *thinned* in proportion to m: what
+is left has, at every pose, a density proportional to the self-motion that the arm has there,
+without singular crowds.
+"""
 
 from __future__ import annotations
 
 import argparse
-import time
+from collections.abc import Sequence
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from joblib.externals.loky import get_reusable_executor
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.inputs import read_json
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability
 from feasigrasp.outputs import write_json
 from feasigrasp.runs.results.arguments import positive
 from feasigrasp.runs.results.provenance import git_revision
+from feasigrasp_lab.arm import in_collision
 from feasigrasp_lab.mixtures.mixture import bic
 from feasigrasp_lab.paper.float32_kernels import log_densities, pack
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
 from feasigrasp_lab.results.arguments import add_run_arguments, command_line
+from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
 from feasigrasp_lab.results.rows import Row, write_csv, write_summary
-from feasigrasp_lab.training.reachability.fit_mixture import LargeFit, fit_large_mixture
-from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks
-from feasigrasp_lab.training.reachability.reachable_poses import (
-    IiwaArm,
-    ReachedPoses,
-    draw_all,
-    manipulability_reference,
-    peak_memory_gb,
-)
+from feasigrasp_lab.training.large_mixture import PASSES, LargeFit, fit_large_mixture
+from feasigrasp_lab.training.pose_blocks import PoseBlocks
+
+#: Height in the base frame below which poses of the fitted frame are dropped [m]. Source: guessed.
+FLOOR = 0.1
+#: Configurations of a part on disk; each part has its own stream of random numbers. Source:
+#: numerical.
+PART = 250_000
+
+
+class ReachedPoses(NamedTuple):
+    """Poses that were reached, and what became of the draws that brought none.
+
+    Attributes:
+        quaternions: Unit quaternions wxyz, shape (m, 4), single precision.
+        positions: Shape (m, 3) [m], single precision.
+        drawn: Number of configurations drawn.
+        colliding: How many of them were in self-collision.
+        low: How many of the others put the fitted frame below the floor.
+        thinned: How many of the rest were thinned out.
+    """
+
+    quaternions: NDArray[np.float32]
+    positions: NDArray[np.float32]
+    drawn: int
+    colliding: int
+    low: int
+    thinned: int
+
+
+def manipulability_reference() -> float:
+    """The manipulability from which on no draw is thinned out: exceeded by 1 draw in 10."""
+    # Configurations that the quantile is taken of. Source: guessed.
+    q = IIWA_7.random_positions(np.random.default_rng(0), 10_000)
+    return float(np.quantile(manipulability(q), 0.9))
+
+
+def sample_reachable_poses(
+    n: int, rng: np.random.Generator, *, thin: float | None = None
+) -> ReachedPoses:
+    """Draws configurations and keeps the flange poses of those that are admissible.
+
+    Args:
+        n: Number of configurations to draw; a few hundred thousand at a time.
+        rng: Source of randomness.
+        thin: Keep a draw of manipulability m with probability m / thin, see
+            `manipulability_reference`; keep all by default.
+    """
+    q = IIWA_7.random_positions(rng, n)
+    q = q[~in_collision(q)]
+    X_WF = forward_kinematics(q)
+    high = X_WF[:, 2, 3] >= FLOOR
+    n_free, n_high = len(q), int(high.sum())
+    if thin is not None:
+        high[high] = rng.random(n_high) * thin < manipulability(q[high])
+    X_WF = X_WF[high]
+    return ReachedPoses(
+        se3.quaternions(X_WF).astype(np.float32),
+        X_WF[:, :3, 3].astype(np.float32),
+        drawn=n,
+        colliding=n - n_free,
+        low=n_free - n_high,
+        thinned=n_high - len(X_WF),
+    )
+
+
+def join(parts: Sequence[ReachedPoses]) -> ReachedPoses:
+    """All the poses and counts of several samples."""
+    quaternions, positions, *counts = zip(*parts, strict=True)
+    return ReachedPoses(
+        np.concatenate(quaternions), np.concatenate(positions), *(sum(count) for count in counts)
+    )
+
+
+def draw_all(n: int, seed: int, folder: Path, jobs: int, *, thin: float | None) -> ReachedPoses:
+    """Draws what a folder does not have yet; the result does not depend on what it has.
+
+    Args:
+        n: Number of configurations.
+        seed: Seed of all of them.
+        folder: Where the parts are kept.
+        jobs: Processes at a time.
+        thin: See `sample_reachable_poses`.
+    """
+    sizes = [min(PART, n - start) for start in range(0, n, PART)]
+    files = [folder / f"part-{i:04d}.npz" for i in range(len(sizes))]
+    draw = partial(_draw_part, sizes=sizes, seed=seed, thin=thin)
+    make_shards(files, draw, jobs=jobs, desc="sampling")
+    if jobs > 1:
+        get_reusable_executor().shutdown(wait=True)  # what comes next needs the memory
+    return join([_load(file) for file in files])
+
+
+def _draw_part(file: Path, i: int, *, sizes: list[int], seed: int, thin: float | None) -> bool:
+    poses = sample_reachable_poses(sizes[i], np.random.default_rng([seed, i]), thin=thin)
+    write_arrays(file, poses._asdict(), compressed=False)
+    return True
+
+
+def _load(file: Path) -> ReachedPoses:
+    stored = read_shard(file, ReachedPoses._fields)
+    quaternions, positions = stored["quaternions"], stored["positions"]
+    return ReachedPoses(
+        quaternions, positions, *(int(stored[name]) for name in ReachedPoses._fields[2:])
+    )
+
 
 #: Components of the mixtures that are compared. Source: definition.
 SWEEP = (8, 16, 32, 64, 96, 128)
@@ -74,14 +188,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    start = time.perf_counter()
-    arm = IiwaArm()
     components = parse_components(args.components)
-    thin = manipulability_reference(arm) if args.weighting == Weighting.MANIPULABILITY else None
-    settings = _settings(args)
-    fresh = not (args.out / "settings.json").is_file()
+    thin = manipulability_reference() if args.weighting == Weighting.MANIPULABILITY else None
+    settings = {"arm": "iiwa", **{name: getattr(args, name) for name in _DECISIVE}}
     _keep_folder(args.out, settings)
-    reached = draw_all(arm, args.samples, args.seed, args.out / "samples", args.jobs, thin=thin)
+    reached = draw_all(args.samples, args.seed, args.out / "samples", args.jobs, thin=thin)
     counts = {name: getattr(reached, name) for name in ReachedPoses._fields[2:]}
     counts["reached"] = len(reached.positions)
     print(", ".join(f"{value} {name}" for name, value in counts.items()))
@@ -105,18 +216,13 @@ def main(args: argparse.Namespace) -> int:
             space.save(path)
         fits.append(space)
     fits[-1].save(args.out / "reachable_space.npz")
-    seconds = time.perf_counter() - start
     table = [(len(space.mixture), _bic(space), space.threshold) for space in fits]
     rows = [Row.plain("reachability.bic", f"K={k}", value, "1", poses.n) for k, value, _ in table]
-    if fresh:  # a run that goes on where another one stopped says nothing about the whole
-        preset = f"K={args.components}"
-        rows.append(Row.plain("bench.reachability_fit_s", preset, seconds, "s", 1))
-        rows.append(Row.plain("reachability.fit_memory_gb", preset, peak_memory_gb(), "GB", 1))
-    _write_bic(sorted(table), args.out)
+    write_csv(args.out / "bic.csv", sorted(table), ("components", "bic", "threshold"))
     write_summary(args.out / "summary.json", command, git, args.seed, rows, counts=counts)
     for k, value, threshold in table:
         print(f"K = {k:4d}   BIC {value:.6g}   99 % threshold {threshold:.3f}")
-    print(f"{seconds:.1f} s, at most {peak_memory_gb():.2f} GB; {args.out}/reachable_space.npz")
+    print(f"the last one is in {args.out}/reachable_space.npz")
     return 0
 
 
@@ -165,7 +271,7 @@ def _fit(
     metadata: dict[str, Any],
 ) -> ReachableSpace:
     fit = LargeFit(threads=args.jobs)
-    with tqdm(total=fit.max_iterations, unit="pass", desc=f"K = {k}") as bar:
+    with tqdm(total=PASSES, unit="pass", desc=f"K = {k}") as bar:
 
         def progress(stage: str, i: int, likelihood: float) -> None:
             bar.set_postfix_str(f"{stage} {i}, {likelihood:.4f}", refresh=False)
@@ -181,15 +287,6 @@ def _fit(
 def _bic(space: ReachableSpace) -> float:
     n = space.metadata["counts"]["fitted"]
     return bic(len(space.mixture), n, n * space.metadata["log_likelihood_per_pose"])
-
-
-def _write_bic(table: list[tuple[int, float, float]], out: Path) -> None:
-    write_csv(out / "bic.csv", table, ("components", "bic", "threshold"))
-
-
-def _settings(args: argparse.Namespace) -> dict[str, Any]:
-    """What decides the samples and the fits: a folder holds results of one such choice."""
-    return {"arm": "iiwa", **{name: getattr(args, name) for name in _DECISIVE}}
 
 
 def _keep_folder(out: Path, settings: dict[str, Any]) -> None:

@@ -12,13 +12,14 @@ import csv
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
@@ -96,6 +97,24 @@ def rows_of_step(n: int, batch: int, seed: int, step: int) -> Indices:
     epoch, place = divmod(step, n // size)
     order = np.random.default_rng([seed, epoch]).permutation(n)
     return order[place * size : (place + 1) * size]
+
+
+def split_families(
+    family: NDArray[np.str_], held_out: Sequence[str], what: str
+) -> tuple[Indices, Indices]:
+    """The examples of families that are held out, and the others, by the family of each.
+
+    Raises:
+        TrainingError: One side would be empty; ``what`` there is begins the message.
+    """
+    of_held = np.isin(family, list(held_out))
+    held, rest = np.flatnonzero(of_held), np.flatnonzero(~of_held)
+    if len(held) == 0 or len(rest) == 0:
+        raise TrainingError(
+            f"{what} of the families {', '.join(np.unique(family))}; to train and to judge, both "
+            f"these held out are needed and others: {', '.join(held_out)}"
+        )
+    return held, rest
 
 
 class TrainingRun(ABC, Generic[Network]):

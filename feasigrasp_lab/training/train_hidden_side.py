@@ -35,7 +35,7 @@ from feasigrasp.models.shape.hidden_side import (
     picture_scale,
 )
 from feasigrasp.runs.results.arguments import positive
-from feasigrasp_lab.networks.contact_network import network_arrays
+from feasigrasp_lab.networks import network_arrays
 from feasigrasp_lab.results.arguments import add_run_arguments
 from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT, make_shape, shape_of

@@ -17,8 +17,7 @@ from torch import Tensor, nn
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp_lab.arm.least_squares import refine
-from feasigrasp_lab.arm.self_collision import in_collision
+from feasigrasp_lab.arm import in_collision, refine
 from feasigrasp_lab.paper.ik_flow import DAMPING, IkFlow
 from feasigrasp_lab.paper.ik_flow_layers import (
     BACKGROUND,

@@ -18,12 +18,18 @@ from torch import Tensor, nn
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.runs.results.arguments import positive
-from feasigrasp_lab.networks.contact_network import Heads
+from feasigrasp_lab.networks import Heads
 from feasigrasp_lab.paper.grasp_network import NETWORKS
 from feasigrasp_lab.results.arguments import add_run_arguments
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT
-from feasigrasp_lab.training.grasp_batches import Examples, load_examples
-from feasigrasp_lab.training.grasp_losses import FREE, Labels, free_share, loss
+from feasigrasp_lab.training.grasp_batches import (
+    FREE,
+    Examples,
+    Labels,
+    free_share,
+    load_examples,
+    loss,
+)
 from feasigrasp_lab.training.loop import (
     TrainingRun,
     add_evaluation_arguments,

@@ -9,7 +9,6 @@ last shard. One object in eight is of a family that is held out.
 from __future__ import annotations
 
 import argparse
-import time
 from functools import partial
 from pathlib import Path
 
@@ -34,18 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--objects", type=positive, default=1600, help="Number of generated objects."
     )
     parser.add_argument("--inputs", type=positive, default=2, help="Number of examples per object.")
-    parser.add_argument(
-        "--minutes",
-        type=float,
-        default=float("inf"),
-        help="Time after which no shard starts, in minutes.",
-    )
 
 
-def _write_shard(filename: Path, number: int, *, inputs: int, seed: int, deadline: float) -> bool:
-    """Makes one shard, whose number says what objects are in it; whether there was time for it."""
-    if time.time() > deadline:
-        return False
+def _write_shard(filename: Path, number: int, *, inputs: int, seed: int) -> bool:
+    """Makes one shard, whose number says what objects are in it."""
     examples = []
     for index in range(number * SHARD, (number + 1) * SHARD):
         rng = np.random.default_rng([seed, index])
@@ -61,8 +52,7 @@ def main(args: argparse.Namespace) -> int:
     settings = {"kind": "shape", "seed": args.seed, "inputs": args.inputs}
     write_json(settings | {"held_out": list(HELD_OUT)} | made_with(), args.out / "shape.json")
     files = [args.out / f"shape_{n:05d}.npz" for n in range(-(-args.objects // SHARD))]
-    deadline = time.time() + 60.0 * args.minutes
-    make = partial(_write_shard, inputs=args.inputs, seed=args.seed, deadline=deadline)
+    make = partial(_write_shard, inputs=args.inputs, seed=args.seed)
     there = make_shards(files, make, jobs=args.jobs, desc="sampler data")
     print(f"{there} of {len(files)} shards of {SHARD} objects are in {args.out}")
     return 0

@@ -11,7 +11,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
-from feasigrasp_lab.arm.self_collision import min_distance
+from feasigrasp_lab.arm import min_distance
 from tests.controller_bench import FAR, NEAR, REACH, STILL, UNKNOWN, Bench, every, ring
 
 

@@ -23,7 +23,7 @@ from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskCont
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.ports import declare_input
-from feasigrasp_lab.paper.controllers import Unenforced
+from feasigrasp_lab.paper.modes import Unenforced
 from tests.pipeline import scenario
 
 

@@ -26,8 +26,8 @@ from feasigrasp.systems import horizon_controller
 from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 from feasigrasp.systems.velocity_drive import VelocityDrive
-from feasigrasp_lab.paper.controllers import PaperJointController
-from feasigrasp_lab.protocols.speed import at_spin
+from feasigrasp_lab.paper.modes import PaperJointController
+from feasigrasp_lab.protocols.changes import at_spin
 from feasigrasp_lab.runs.rollout import object_grasps, roll_out
 from tests.controller_bench import HOME, NEAR, REACH, STILL, UNKNOWN, Bench
 

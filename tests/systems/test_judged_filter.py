@@ -15,8 +15,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture
-from feasigrasp_lab.paper.judge import PoseJudge
-from feasigrasp_lab.paper.judged_filter import JudgedFilter
+from feasigrasp_lab.paper.judge import JudgedFilter, PoseJudge
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
 
 REACH = Reachability()

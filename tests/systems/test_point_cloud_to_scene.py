@@ -14,7 +14,7 @@ from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
 from feasigrasp.systems.ports import evaluate
-from feasigrasp_lab.arm.self_collision import IIWA_CAPSULES
+from feasigrasp_lab.arm import IIWA_CAPSULES
 
 ROBOT, OBJECT, TABLE = 3, 9, 12
 

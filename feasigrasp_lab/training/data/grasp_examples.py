@@ -39,10 +39,7 @@ POINTS = 512
 #: Source: guessed.
 TRACKING = (0.002, float(np.deg2rad(1.0)))
 #: How labels are stored.
-_STORED = {
-    **dict.fromkeys(("width", "closing", "across"), np.float32),
-    **{"approach": np.float16, "n_approaches": np.int16},
-}
+_STORED = dict.fromkeys(("width", "closing", "across"), np.float32)
 
 
 def fuse_and_complete(views: Sequence[PartialView]) -> Gpdf:

@@ -14,20 +14,22 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.geometry.se3 import perpendiculars
+from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp_lab.training.data.grasp_label_kernels import blocked_turns, turn_table
 from feasigrasp_lab.training.data.grasp_truth import CONE_DEG, TrueGrasps, hand_boxes
 
 #: Directions in which the hand is turned about a closing line. Source: guessed.
 N_TURNS = 36
-#: Approach directions that a label holds. Source: layout: output of the network.
-N_APPROACHES = 16
 #: Widths up to the opening less this [m]. Source: guessed.
 SLACK = 0.004
+#: An object can be grasped if valid grasps start at so many of the points of its true surface.
+#: Source: definition.
+GRASPABLE = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,25 +53,6 @@ class ContactPairs:
     across: Array
     free: Mask
 
-    def turned(self) -> Array:
-        """All approach directions that were tried, shape (m, N_TURNS, 3)."""
-        t = 2 * np.pi * np.arange(N_TURNS) / N_TURNS
-        v = np.cross(self.closing, self.across)
-        return np.cos(t)[:, None] * self.across[:, None] + np.sin(t)[:, None] * v[:, None]
-
-    def closing_error_deg(self, point: ArrayLike, closing: ArrayLike) -> Array:
-        """Angle between closing directions (k, 3) at points (k,) and the nearest valid one there.
-
-        Returns:
-            Shape (k,) [deg]; NaN where no valid grasp starts.
-        """
-        error = np.full(len(np.asarray(point)), np.nan)
-        for row, (at, b) in enumerate(zip(np.asarray(point), np.asarray(closing), strict=True)):
-            cosine = self.closing[self.point == at] @ b
-            if len(cosine):
-                error[row] = np.rad2deg(np.arccos(np.clip(cosine.max(), -1.0, 1.0)))
-        return error
-
 
 class PointLabels(NamedTuple):
     """One label per point; zero where ``contact`` is False.
@@ -78,8 +61,6 @@ class PointLabels(NamedTuple):
         contact: Whether a valid grasp starts at the point, shape (n,).
         width: Of the best one [m], shape (n,).
         closing: Its closing direction, unit, shape (n, 3).
-        approach: Some of its valid approach directions, spread evenly, shape (n, N_APPROACHES, 3).
-        n_approaches: How many of those rows are filled, shape (n,).
         across: Approach direction of turn 0, shape (n, 3).
         free: Turns in which the hand is free, see `ContactPairs`, shape (n, N_TURNS).
     """
@@ -87,8 +68,6 @@ class PointLabels(NamedTuple):
     contact: Mask
     width: Array
     closing: Array
-    approach: Array
-    n_approaches: Indices
     across: Array
     free: Mask
 
@@ -96,13 +75,6 @@ class PointLabels(NamedTuple):
 def best_labels(pairs: ContactPairs, n_points: int) -> PointLabels:
     """The label of every point: the best of its pairs."""
     points, first = np.unique(pairs.point, return_index=True)
-    turned, free = pairs.turned()[first], pairs.free[first]
-    approach, count = np.zeros((len(points), N_APPROACHES, 3)), np.zeros(len(points), np.int64)
-    for row, turns in enumerate(free):
-        valid = np.flatnonzero(turns)
-        if len(valid) > N_APPROACHES:
-            valid = valid[np.linspace(0, len(valid) - 1, N_APPROACHES).round().astype(int)]
-        approach[row, : len(valid)], count[row] = turned[row, valid], len(valid)
 
     def at_points(values: NDArray[Any]) -> NDArray[Any]:
         everywhere = np.zeros((n_points, *values.shape[1:]), values.dtype)
@@ -113,10 +85,8 @@ def best_labels(pairs: ContactPairs, n_points: int) -> PointLabels:
         contact=at_points(np.ones(len(points), dtype=bool)),
         width=at_points(pairs.width[first]),
         closing=at_points(pairs.closing[first]),
-        approach=at_points(approach),
-        n_approaches=at_points(count),
         across=at_points(pairs.across[first]),
-        free=at_points(free),
+        free=at_points(pairs.free[first]),
     )
 
 
@@ -182,6 +152,13 @@ def find_pairs(
         across=across[kept],
         free=free[kept],
     )
+
+
+def is_graspable(truth: TrueGrasps, surface: GraspInput, gripper: ParallelGripper) -> bool:
+    """Whether the true surface has grasps for the hand, see `GRASPABLE`."""
+    points, normals = surface.points.astype(float), surface.normals.astype(float)
+    pairs = find_pairs(truth, points, normals, gripper, np.random.default_rng(0))
+    return len(np.unique(pairs.point)) >= GRASPABLE
 
 
 def _free_turns(

@@ -32,14 +32,12 @@ class Closing:
 
     Attributes:
         first: Where the pad that moves along +x meets the object, shape (n, 3) [m].
-        second: Where the other one does, shape (n, 3) [m].
         width: Distance between the two, shape (n,) [m]; NaN where nothing is between the pads.
         cosine: The lesser of the cosines between closing line and surface normal at the two
             faces, 1 for a perfect pair, shape (n,).
     """
 
     first: Array
-    second: Array
     width: Array
     cosine: Array
 
@@ -89,10 +87,9 @@ class TrueGrasps:
         cosine = np.minimum(
             -np.einsum("ij,ij->i", n_left, closing), np.einsum("ij,ij->i", n_right, closing)
         )
-        along = np.where(held, left, 0.0)[:, None], np.where(held, right, 0.0)[:, None]
+        along = np.where(held, left, 0.0)[:, None]
         return Closing(
-            first=centers + (along[0] - 0.5 * opening) * closing,
-            second=centers + (0.5 * opening - along[1]) * closing,
+            first=centers + (along - 0.5 * opening) * closing,
             width=np.where(held, width, np.nan),
             cosine=np.where(held, cosine, -1.0),
         )

@@ -10,7 +10,7 @@ from feasigrasp.models.robot.kinematics import (
     manipulability,
     pose_and_jacobian,
 )
-from feasigrasp_lab.arm.least_squares import (
+from feasigrasp_lab.arm import (
     damped_least_squares_kernel,
     damped_velocity_kernel,
     refine,

@@ -24,8 +24,8 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path, model_path
 from feasigrasp.runs.metrics.reference_robot import ReferenceRobot
 from feasigrasp.scenario.files import load_scenario
-from feasigrasp_lab.arm import self_collision as sc
-from feasigrasp_lab.arm.self_collision import in_collision_kernel
+from feasigrasp_lab import arm as sc
+from feasigrasp_lab.arm import in_collision_kernel
 from tests.truths import table_distances
 
 BODY_NAMES = (*IIWA_7.link_names, *HAND_NAMES)

@@ -10,13 +10,12 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp_lab.baselines.diffusion_energy import LENGTH
-from feasigrasp_lab.baselines.diffusion_law import (
+from feasigrasp_lab.baselines.grasp_diffusion import LAST_TIME, load_grasp_diffusion
+from feasigrasp_lab.baselines.grasp_diffusion_controller import (
     DiffusedField,
-    DiffusionControlOptions,
     diffusion_velocity,
 )
-from feasigrasp_lab.baselines.grasp_diffusion import LAST_TIME, load_grasp_diffusion
-from feasigrasp_lab.paper.options import Law
+from feasigrasp_lab.paper.options import Law, PaperOptions
 
 X_FG = ParallelGripper().X_FG
 HOME = np.deg2rad([10.0, -40.0, 5.0, -95.0, 5.0, 75.0, 10.0])
@@ -115,7 +114,7 @@ def test_the_joints_move_the_hand_down_the_energy(energy, law):
     X_WH = forward_kinematics(HOME, X_FG)
     X_OH = se3.make_pose(se3.so3_exp([0.3, -0.2, 0.4]), [0.01, 0.0, -0.02])
     X_WO = X_WH @ se3.inverse(X_OH)
-    options = DiffusionControlOptions(law=law, gain=0.01, damping=0.0)
+    options = PaperOptions(law=law, gain=0.01, damping=0.0)
     qd, J, V = diffusion_velocity(HOME, energy, X_WO, STILL, X_FG, options)
     np.testing.assert_allclose(J @ qd, V, atol=1e-9)
     slope = energy.diffused.gradient(X_OH[None], LAST_TIME if law == Law.GRADIENT else 1.0)[0]
@@ -130,9 +129,7 @@ def test_the_objects_twist_is_added_if_it_is_fed_forward(energy):
     V_WO = np.array([0.0, 0.0, 0.2, 0.05, 0.0, 0.0])
     X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
     twists = [
-        diffusion_velocity(
-            HOME, energy, X_WO, V_WO, X_FG, DiffusionControlOptions(feed_forward=fed)
-        )[2]
+        diffusion_velocity(HOME, energy, X_WO, V_WO, X_FG, PaperOptions(feed_forward=fed))[2]
         for fed in (True, False)
     ]
     X_WH = forward_kinematics(HOME, X_FG)
@@ -150,7 +147,7 @@ def test_what_is_not_known_is_no_reason_to_move(energy, unknown):
         X_WO = np.full((4, 4), np.nan)
     else:
         V_WO = np.full(6, np.nan)
-    options = DiffusionControlOptions()
+    options = PaperOptions()
     qd, _, V = diffusion_velocity(HOME, field, X_WO, V_WO, X_FG, options)
     np.testing.assert_array_equal(qd, np.zeros(7))
     np.testing.assert_array_equal(V, np.zeros(6))

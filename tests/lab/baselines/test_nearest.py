@@ -7,12 +7,12 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp_lab.baselines.nearest_law import (
+from feasigrasp_lab.baselines.nearest_grasp_controller import (
     NearestGrasp,
-    NearestOptions,
     nearest_grasp,
     nearest_grasp_velocity,
 )
+from feasigrasp_lab.paper.options import PaperOptions
 
 REACH = Reachability()
 HOME = np.deg2rad([10.0, -40.0, 5.0, -95.0, 5.0, 75.0, 10.0])
@@ -57,14 +57,14 @@ def test_what_is_followed_is_left_only_for_one_that_is_much_nearer():
 def test_nothing_in_reach_is_nothing_to_follow(X_OG):
     chosen = nearest_grasp(NearestGrasp(), HOME, X_OG, X_WO, REACH)
     assert not chosen
-    qd = nearest_grasp_velocity(HOME, chosen, X_WO, STILL, REACH, NearestOptions())
+    qd = nearest_grasp_velocity(HOME, chosen, X_WO, STILL, REACH, PaperOptions())
     np.testing.assert_array_equal(qd, np.zeros(7))
 
 
 @pytest.mark.parametrize("feed_forward", [True, False])
 def test_the_hand_arrives_and_lags_behind_by_speed_over_gain_without_feed_forward(feed_forward):
     """Along the approach direction, on an object that moves: 4 cm/s over 5/s is 8 mm."""
-    options = NearestOptions(feed_forward=feed_forward)
+    options = PaperOptions(feed_forward=feed_forward)
     grasp = NearestGrasp(grasp_at(HOME + 0.1), HOME + 0.1)
     V_WO, dt, q, X = np.array([0.0, 0.0, 0.0, 0.0, -0.04, 0.0]), 0.005, HOME.copy(), X_WO.copy()
     for _ in range(600):

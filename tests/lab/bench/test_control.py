@@ -10,17 +10,9 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp_lab.bench import control as bench_control
-from feasigrasp_lab.bench.control import (
-    V_WO,
-    format_table_3,
-    joint_probe,
-    safe_probe,
-    task_probe,
-)
-from feasigrasp_lab.measures.timing import Timing, timing_row
-from feasigrasp_lab.peers.control import ArrayArm, ArrayJointStep, ArrayTaskStep, se3_log
-from feasigrasp_lab.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
-from feasigrasp_lab.results.rows import Row
+from feasigrasp_lab.bench.control import V_WO, joint_probe, safe_probe, task_probe
+from feasigrasp_lab.peers import ArrayArm, ArrayJointStep, ArrayTaskStep, se3_log
+from feasigrasp_lab.results.timing import Timing, timing_row
 
 REACHABILITY = Reachability()
 X_FG = REACHABILITY.gripper.X_FG
@@ -95,19 +87,6 @@ def test_frequencies_turn_the_interval_round():
     row = timing_row("bench.task_hz.1", "default", Timing(0.01, 0.008, 0.02, 7))
     assert (row.value, row.low, row.high) == pytest.approx((100.0, 50.0, 125.0))
     assert (row.unit, row.n) == ("Hz", 7)
-
-
-def test_the_table_has_the_papers_figures():
-    names = [f"bench.task_hz.{K}" for K in TABLE_3_TASK] + [
-        f"bench.joint_hz.{N}" for N in TABLE_3_JOINT
-    ]
-    rows = [Row(name, "default", 20000.0, None, None, "Hz", 9) for name in names]
-    rows.append(Row("bench.task_hz.10", "peer:numpy", 9876.0, None, None, "Hz", 9))
-    rows.append(Row("bench.joint_hz.100", "new solutions", 4321.0, None, None, "Hz", 9))
-    lines = format_table_3(rows).splitlines()
-    assert len(lines) == 21
-    assert lines[10].split() == ["task", "K", "=", "10", "78.2", "20000", "256", "9876"]
-    assert lines[-1].split() == ["joint", "N", "=", "100", "13.9", "20000", "1439", "4321"]
 
 
 def test_a_draw_that_never_fits_is_told(monkeypatch):

@@ -58,15 +58,6 @@ def test_fit_is_deterministic(rng, clusters):
     np.testing.assert_array_equal(first.covariances, second.covariances)
 
 
-def test_integer_sample_weights_equal_repeated_poses(rng, clusters):
-    X, _, _ = clusters(rng, 30, 1, rotation=0.3)
-    repeat = rng.integers(1, 4, 30)
-    weighted = fit_riemannian_mixture(X, 1, rng, sample_weights=repeat, tolerance=1e-13)
-    repeated = fit_riemannian_mixture(np.repeat(X, repeat, axis=0), 1, rng, tolerance=1e-13)
-    np.testing.assert_allclose(weighted.means, repeated.means, atol=1e-6)
-    np.testing.assert_allclose(weighted.covariances, repeated.covariances, atol=1e-6)
-
-
 def test_log_likelihood_rises_with_every_step(rng, monkeypatch, clusters, numpy_log_density):
     histories = []
 
@@ -170,9 +161,6 @@ def test_a_pair_of_opposite_poses_gets_two_components_on_request(rng):
         (np.diag([1.0, 1.0, -1.0, 1.0])[None], {}, "X .* is no rotation"),
         (np.eye(4)[None], {"n_components": 0}, "n_components"),
         (np.eye(4)[None], {"rotation_floor": 0.0}, "rotation_floor"),
-        (np.eye(4)[None], {"sample_weights": [-1.0]}, "sample_weights"),
-        (np.eye(4)[None], {"sample_weights": [0.0]}, "all sample_weights are 0"),
-        (np.eye(4)[None], {"sample_weights": [1.0, 1.0]}, "sample_weights has shape"),
     ],
 )
 def test_bad_input_to_a_fit_is_named(rng, poses, options, message):

@@ -7,7 +7,6 @@ import pytest
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.geometry import se3
-from feasigrasp_lab.mixtures.fit import fit_riemannian_mixture
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture, evaluate_kernel, posterior_kernel
 
 
@@ -140,17 +139,6 @@ def test_moving_mixture_and_pose_together_changes_nothing(rng):
         moved.log_density_gradient(T @ X), mixture.log_density_gradient(X), rtol=1e-7, atol=1e-8
     )
     np.testing.assert_array_equal(moved.covariances, mixture.covariances)
-
-
-def test_medoids_are_the_most_likely_samples(rng, clusters):
-    X, label, _ = clusters(rng, 40, 4)
-    fit = fit_riemannian_mixture(X, 4, rng)
-    medoids = fit.medoids(X)
-    assert sorted(label[medoids]) == [0, 1, 2, 3]
-    for k, medoid in enumerate(medoids):
-        assert (
-            fit.component_log_densities(X)[:, k].max() == fit.component_log_densities(X)[medoid, k]
-        )
 
 
 def test_zero_weight_switches_a_component_off(rng):

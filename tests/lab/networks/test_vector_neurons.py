@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from feasigrasp_lab.networks.vector_neurons import (
+from feasigrasp_lab.networks import (
     VectorLinear,
     VectorLinearReLU,
     across,
@@ -19,8 +19,7 @@ from feasigrasp_lab.networks.vector_neurons import (
 
 LAYERS = {
     "linear": lambda: VectorLinear(5, 7),
-    "shared": lambda: VectorLinearReLU(5, 7),
-    "not shared": lambda: VectorLinearReLU(5, 7, shared=False),
+    "cut off": lambda: VectorLinearReLU(5, 7),
 }
 
 
@@ -56,7 +55,7 @@ def test_layers_turn_with_their_input(name, seed):
 @pytest.mark.parametrize("scale", [1e-12, 1e-4, 1e6])
 def test_equivariance_does_not_depend_on_the_scale(scale):
     """An epsilon in a denominator would show at small scales."""
-    layer, x, R = made("shared"), scale * vectors(3), rotation(3)
+    layer, x, R = made("cut off"), scale * vectors(3), rotation(3)
     error = (layer(rotated(x, R)) - rotated(layer(x), R)).detach().abs().max()
     assert error < 1e-12 * scale
     torch.testing.assert_close(layer(x), scale * layer(vectors(3)), rtol=1e-9, atol=0.0)
@@ -74,8 +73,9 @@ def test_a_nonlinearity_of_coordinates_would_be_noticed():
 
 
 def test_the_half_space_is_cut_off():
-    layer, x = made("not shared"), vectors(6)
-    p, d = layer.mix(x).split(7, dim=-1)
+    layer, x = made("cut off"), vectors(6)
+    p, d = layer.mix(x).split((7, 1), dim=-1)
+    d = d.expand_as(p)
     y = layer(x)
     kept = (p * d).sum(0) >= 0.0
     assert 0.2 < kept.double().mean() < 0.8
@@ -88,7 +88,7 @@ def test_the_half_space_is_cut_off():
 
 
 def test_no_direction_takes_nothing_and_gradients_stay_finite():
-    layer = made("shared")
+    layer = made("cut off")
     x = torch.zeros(3, 4, 5, dtype=torch.float64, requires_grad=True)
     y = layer(x)
     assert torch.equal(y, torch.zeros_like(y))
@@ -99,7 +99,7 @@ def test_no_direction_takes_nothing_and_gradients_stay_finite():
 
 
 def test_points_are_independent_but_for_the_mean():
-    layer, x = made("shared"), vectors(7)
+    layer, x = made("cut off"), vectors(7)
     order = torch.randperm(20)
     # To rounding: which points a processor sums at once depends on its vector width.
     torch.testing.assert_close(layer(x[:, order]), layer(x)[:, order], rtol=0, atol=1e-14)

@@ -16,13 +16,13 @@ from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp_lab.baselines.nearest_grasp_controller import NearestGraspController
-from feasigrasp_lab.paper.controllers import (
+from feasigrasp_lab.paper.modes import (
     PaperJointController,
     PaperTaskController,
     Unenforced,
     UnenforcedDrive,
 )
-from feasigrasp_lab.paper.task_law import PaperTaskOptions
+from feasigrasp_lab.paper.options import PaperOptions
 from tests.controller_bench import HOME, NEAR, REACH, UNKNOWN, Bench
 
 
@@ -98,7 +98,7 @@ def test_the_paper_law_moves_the_hand_with_the_commanded_twist():
     X_WG = X_WH @ RigidTransform([0.0, 0.0, 0.01]).GetAsMatrix4()
     grasps = GraspSet((X_WO.inverse().GetAsMatrix4() @ X_WG)[None], np.array([0.04]), np.ones(1))
     V_WO = np.array([0.1, -0.2, 0.15, 0.05, 0.02, -0.03])
-    options = PaperTaskOptions(gain=3.0, damping=0.0)
+    options = PaperOptions(gain=3.0, damping=0.0)
     bench = Bench(
         PaperTaskController, grasps=grasps, velocity=SpatialVelocity(V_WO), options=options
     )

@@ -14,7 +14,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.weights_file import WeightsError
-from feasigrasp_lab.arm.self_collision import in_collision
+from feasigrasp_lab.arm import in_collision
 from feasigrasp_lab.paper.ik_flow import DEFAULT_WEIGHTS, IkFlow
 from feasigrasp_lab.paper.ik_flow_layers import (
     FEATURES,

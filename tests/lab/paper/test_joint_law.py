@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.errors import ControlError
+from feasigrasp.errors import ScenarioError
 from feasigrasp.models.control.horizon.distance_field import NOISE_VARIANCE
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -11,10 +11,10 @@ from feasigrasp.models.ik.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
-from feasigrasp_lab.paper.joint_law import PaperJointControl, PaperJointOptions
+from feasigrasp_lab.paper.joint_law import GAINS, PaperJointControl
+from feasigrasp_lab.paper.options import PaperOptions
 from feasigrasp_lab.paper.predicted_reachability import KeepingRule, judge_grasps
 from feasigrasp_lab.paper.solutions import Solutions
-from feasigrasp_lab.paper.sources import from_flow
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 REACHABILITY = Reachability()
@@ -22,13 +22,13 @@ X_FG = REACHABILITY.gripper.X_FG
 PERIOD = 0.05
 STILL = np.zeros(6)
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
-PRINTED = PaperJointOptions(
+PRINTED = PaperOptions(
     law="gradient",
     gain=1.0,
     feed_forward=False,
     length_scale=0.3,
     n_solutions=100,
-    draw=from_flow,
+    source="flow",
     resample=True,
 )
 
@@ -42,14 +42,14 @@ def in_reach(grasps):
     return judge_grasps(grasps, X_WO, STILL, REACHABILITY, rule=KeepingRule(n_best=200)).grasps
 
 
-@pytest.mark.parametrize("options", [PaperJointOptions(), PRINTED], ids=["corrected", "printed"])
+@pytest.mark.parametrize("options", [PaperOptions(), PRINTED], ids=["corrected", "printed"])
 def test_all_solutions_are_worth_the_same(ring_of_grasps, options):
     _, solutions = solutions_of(in_reach(ring_of_grasps), options)
     assert len(solutions) > 0
     np.testing.assert_array_equal(solutions.cost, 0.0)
 
 
-@pytest.mark.parametrize("options", [PaperJointOptions(), PRINTED], ids=["corrected", "printed"])
+@pytest.mark.parametrize("options", [PaperOptions(), PRINTED], ids=["corrected", "printed"])
 def test_without_grasps_in_reach_the_arm_stops(ring_of_grasps, options):
     far = se3.make_pose(np.eye(3), [2.0, 0.0, 0.5])
     for grasps, X in ((ring_of_grasps, far), (GraspSet.empty(), X_WO)):
@@ -63,7 +63,7 @@ def test_without_grasps_in_reach_the_arm_stops(ring_of_grasps, options):
     "wrong",
     [
         {"law": "newton"},
-        {"gain": 0.0},
+        {"gain": -1.0},
         {"length_scale": -0.1},
         {"n_solutions": 0},
         {"resample": True},
@@ -71,8 +71,8 @@ def test_without_grasps_in_reach_the_arm_stops(ring_of_grasps, options):
     ids=lambda w: next(iter(w)),
 )
 def test_options_that_mean_nothing_are_refused(wrong):
-    with pytest.raises(ControlError):
-        PaperJointOptions(**wrong)
+    with pytest.raises(ScenarioError):
+        PaperOptions(**wrong)
 
 
 def field(solutions, X, length_scale):
@@ -127,11 +127,11 @@ def test_solutions_are_drawn_anew_from_the_same_seed(ring_of_grasps):
 
 def test_one_solution_is_approached_at_the_rate_and_moves_with_the_object(ring_of_grasps):
     """With one solution d is the Euclidean distance: qd = k (q_1 - q), plus what keeps q_1 on."""
-    control, one = solutions_of(in_reach(ring_of_grasps), PaperJointOptions(n_solutions=1))
+    control, one = solutions_of(in_reach(ring_of_grasps), PaperOptions(n_solutions=1))
     assert len(one) == 1
     q_1, V_WO = field(one, X_WO, 0.2)[0][0], np.array([0.1, -0.2, 0.1, 0.05, 0.02, -0.03])
     qd = control.velocity(HOME, one, 0.0, X_WO, STILL)
-    np.testing.assert_allclose(qd, PaperJointOptions().gain * (q_1 - HOME), atol=1e-4)
+    np.testing.assert_allclose(qd, GAINS[0] * (q_1 - HOME), atol=1e-4)
     carried = control.velocity(HOME, one, 0.0, X_WO, V_WO) - qd
     X_WH, J = pose_and_jacobian(q_1, X_FG)
     lever = X_WH[:3, 3] - X_WO[:3, 3]
@@ -142,7 +142,7 @@ def test_one_solution_is_approached_at_the_rate_and_moves_with_the_object(ring_o
 @pytest.mark.parametrize("part", ["pose", "twist"])
 def test_an_object_that_is_nowhere_stops_the_arm_and_its_solutions_are_kept(ring_of_grasps, part):
     grasps = in_reach(ring_of_grasps)
-    control, solutions = solutions_of(grasps, PaperJointOptions())
+    control, solutions = solutions_of(grasps, PaperOptions())
     X, V = X_WO.copy(), STILL.copy()
     (X if part == "pose" else V)[1] = np.nan
     np.testing.assert_array_equal(control.velocity(HOME, solutions, 0.01, X, V), 0.0)

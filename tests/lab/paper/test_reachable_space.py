@@ -10,7 +10,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
-from feasigrasp_lab.training.reachability.reachable_poses import IiwaArm, sample_reachable_poses
+from feasigrasp_lab.training.fit_reachability import sample_reachable_poses
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def small_space() -> ReachableSpace:
 
 
 def test_shipped_space_accepts_what_the_arm_reaches(shipped):
-    reached = sample_reachable_poses(IiwaArm(), 20_000, np.random.default_rng(8))
+    reached = sample_reachable_poses(20_000, np.random.default_rng(8))
     X = se3.make_pose(se3.rotations(reached.quaternions.astype(float)), reached.positions)
     assert shipped.contains(X).mean() > 0.95
     np.testing.assert_allclose(shipped.log_density(X), shipped.mixture.log_density(X), atol=1e-3)

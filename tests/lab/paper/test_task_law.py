@@ -5,16 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from feasigrasp.errors import ControlError
+from feasigrasp.errors import ScenarioError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp_lab.baselines.nearest_law import NearestOptions
+from feasigrasp_lab.baselines.nearest_grasp_controller import MAX_LINEAR
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.grasp_mixture import GraspMixture, fit_grasp_mixture
+from feasigrasp_lab.paper.options import PaperOptions
 from feasigrasp_lab.paper.predicted_reachability import judge_grasps
 from feasigrasp_lab.paper.task_law import (
-    PaperTaskOptions,
+    GAINS,
     hand_twist_kernel,
     least_norm_kernel,
     paper_task_space_velocity,
@@ -23,7 +24,7 @@ from tests.lab.paper.ascents import ascent_direction
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 X_FG = Reachability().gripper.X_FG
-OPTIONS = PaperTaskOptions()
+OPTIONS = PaperOptions()
 STILL = np.zeros(6)
 
 
@@ -31,7 +32,8 @@ def components_at(X_OG):
     """A mixture with one component, and one member, per pose."""
     n = len(X_OG)
     covariance = np.tile(np.diag([0.01] * 3 + [1e-4] * 3), (n, 1, 1))
-    return GraspMixture(RiemannianMixture(np.full(n, 1 / n), X_OG, covariance), X_OG, np.arange(n))
+    mixture = RiemannianMixture(np.full(n, 1 / n), X_OG, covariance)
+    return GraspMixture(mixture, X_OG, np.arange(n), np.arange(n), np.arange(n))
 
 
 def test_the_papers_law_follows_the_mixture(ring_of_grasps):
@@ -48,8 +50,8 @@ def test_the_papers_law_follows_the_mixture(ring_of_grasps):
     body = np.concatenate([X_WH[:3, :3].T @ relative[:3], X_WH[:3, :3].T @ relative[3:]])
     direction = ascent_direction(mixture.targets, se3.inverse(X_WO) @ X_WH)
     # Nothing is cut: with this gain it is faster than a baseline would let it be.
-    np.testing.assert_allclose(body, OPTIONS.gain * direction, atol=1e-9)
-    assert np.linalg.norm(body[3:]) > NearestOptions().max_linear
+    np.testing.assert_allclose(body, GAINS[0] * direction, atol=1e-9)
+    assert np.linalg.norm(body[3:]) > MAX_LINEAR
 
     q = HOME
     for _ in range(800):
@@ -62,7 +64,7 @@ def test_the_printed_law_is_the_gradient_through_the_pseudo_inverse(ring_of_gras
     """Finite differences of the log density along the body axes, about means, without the twist."""
     X_WO, V_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5]), np.full(6, 0.2)
     mixture = fit_grasp_mixture(ring_of_grasps, 10, np.random.default_rng(0))
-    printed = PaperTaskOptions(
+    printed = PaperOptions(
         law="gradient", gain=0.01, damping=0.0, feed_forward=False, targets="means"
     )
     X_WH, J = pose_and_jacobian(HOME, X_FG)
@@ -89,8 +91,8 @@ def test_the_printed_law_is_the_gradient_through_the_pseudo_inverse(ring_of_gras
 
 @pytest.mark.parametrize("word", [{"law": "newton"}, {"targets": "modes"}])
 def test_other_words_are_refused(word):
-    with pytest.raises(ControlError, match="choose one of"):
-        PaperTaskOptions(**word)
+    with pytest.raises(ScenarioError, match="choose one of"):
+        PaperOptions(**word)
 
 
 def test_the_papers_law_leaves_the_middle_between_a_grasp_and_its_twin():

@@ -5,7 +5,7 @@ import pytest
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.files import dump_scenario, load_scenario
-from feasigrasp_lab.protocols.degradations import DEGRADATIONS
+from feasigrasp_lab.protocols.changes import DEGRADATIONS
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 

@@ -6,7 +6,7 @@ import pytest
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_motion
-from feasigrasp_lab.protocols.speed import (
+from feasigrasp_lab.protocols.changes import (
     AT_SPEEDS,
     AT_SPINS,
     MOTIONS,

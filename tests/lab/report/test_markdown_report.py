@@ -7,9 +7,9 @@ import re
 import pytest
 
 from feasigrasp import cli
-from feasigrasp_lab.report.curves import FIGURE as CURVE
 from feasigrasp_lab.report.paper_tables import TABLE_2, TABLE_3_JOINT, TABLE_3_TASK
-from feasigrasp_lab.results.markdown import markdown_table
+from feasigrasp_lab.report.tables import FIGURE as CURVE
+from feasigrasp_lab.report.tables import markdown_table
 
 
 def row(name, preset, value, low=None, high=None, unit="", n=5):

@@ -7,12 +7,10 @@ import pytest
 
 from feasigrasp_lab.results.statistics import (
     area_under_curve,
-    average_precision,
     mean,
     mean_of_objects,
     proportion,
     resampled,
-    roc_curve,
     share_of_objects,
 )
 
@@ -191,9 +189,6 @@ def test_area_under_the_curve_counts_pairs():
     higher = score[positive][:, None] - score[~positive]
     expected = np.mean((higher > 0) + 0.5 * (higher == 0))
     assert area_under_curve(score, positive).value == pytest.approx(expected)
-    false, true = roc_curve(score, positive)
-    assert np.trapezoid(true, false) == pytest.approx(expected)
-    assert (false[0], true[0], false[-1], true[-1]) == (0.0, 0.0, 1.0, 1.0)
 
 
 def test_interval_of_the_area_as_published():
@@ -205,10 +200,3 @@ def test_interval_of_the_area_as_published():
     estimate = area_under_curve(score, positive)
     assert estimate.value == pytest.approx(0.893, abs=5e-4)
     assert (estimate.high - estimate.value) / 1.959964 == pytest.approx(0.032, abs=5e-4)
-
-
-def test_average_precision_by_hand():
-    """Positives at ranks 1, 3 and 4 of five: (1 + 2/3 + 3/4) / 3."""
-    score, positive = np.array([5.0, 4.0, 3.0, 2.0, 1.0]), np.array([1, 0, 1, 1, 0], dtype=bool)
-    assert average_precision(score, positive) == pytest.approx((1 + 2 / 3 + 3 / 4) / 3)
-    assert np.isnan(average_precision(score, np.zeros(5, dtype=bool)))

@@ -1,4 +1,4 @@
-"""The measuring rig against a ball, whose views, distances and areas are known in closed form."""
+"""The measuring rig against a ball, whose views and distances are known in closed form."""
 
 import csv
 import json
@@ -11,8 +11,7 @@ from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.gpdf import predicted_deviation, surface_deviation
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp_lab.measures.shape import auc, measure, sample_level_set, true_samples
-from feasigrasp_lab.studies.shape import _binned
+from feasigrasp_lab.studies.shape import auc, measure, sample_level_set, true_samples
 from feasigrasp_lab.training.data.views import ViewedObject, look_at, turning_views
 
 RADIUS = 0.033
@@ -86,7 +85,6 @@ def test_the_object_turns_between_views():
 def test_level_set_of_a_ball(field):
     surface = sample_level_set(field)
     np.testing.assert_allclose(np.linalg.norm(surface.points, axis=1), RADIUS, atol=5e-4)
-    assert surface.area.sum() == pytest.approx(4 * np.pi * RADIUS**2, rel=0.05)
     directions = sphere_points(300, 1.0)
     for r in (RADIUS - 0.01, RADIUS + 0.004):
         np.testing.assert_allclose(surface.distance(r * directions), abs(r - RADIUS), atol=5e-4)
@@ -99,13 +97,12 @@ def test_figures_of_a_ball_of_the_wrong_size(ball, camera):
     points, normals = true_samples(ball, 0)
     large = fit_gpdf(sphere_points(600, RADIUS + 0.003), max_points=600)
     figures = measure(ball, large, [ball.view(camera, None)], points, normals)
-    for name in ("true_to_completed_mm", "seen_mm", "unseen_mm", "completed_to_true_mm"):
+    for name in ("true_to_completed_mm", "unseen_mm"):
         assert figures[name] == pytest.approx(3.0, abs=0.15), name
-    assert figures["normal_seen_deg"] < 4.0
-    assert figures["invented_percent"] == figures["invented_area_percent"] == 0.0
+    assert figures["invented_percent"] == 0.0
     far = fit_gpdf(sphere_points(600, RADIUS + 0.02), max_points=600)
     figures = measure(ball, far, [ball.view(camera, None)], points, normals)
-    assert figures["invented_percent"] == figures["invented_area_percent"] == 100.0
+    assert figures["invented_percent"] == 100.0
 
 
 def test_auc_is_the_share_of_pairs_in_order():
@@ -125,9 +122,6 @@ def test_deviation_grows_with_distance_from_what_was_seen():
     field = fit_gpdf(sphere_points(600, RADIUS))
     away = np.array([[RADIUS + 0.01, 0.0, 0.0]])
     assert surface_deviation(field, away)[0] == pytest.approx(predicted_deviation(0.01), rel=0.1)
-    table = _binned(np.linspace(0, 1, 1200), np.linspace(0, 2, 1200))
-    np.testing.assert_allclose(table[:, 1], 2 * table[:, 0])
-    assert table[:, 3].sum() == 1200
 
 
 def test_the_command_writes_its_files_and_resumes(tmp_path, capsys):
@@ -140,15 +134,13 @@ def test_the_command_writes_its_files_and_resumes(tmp_path, capsys):
         "shape.true_to_completed_mm.1view",
         "shape.unseen_mm.1view",
         "shape.true_to_completed_mm.3views",
-        "shape.normal_seen_deg",
         "shape.variance_auc",
         "shape.invented_percent.1view",
     ):
         assert {(name, "paper"), (name, "default")} <= set(rows)
     assert rows["shape.unseen_mm.1view", "default"] < rows["shape.unseen_mm.1view", "paper"]
     with (tmp_path / "views.csv").open() as file:
-        assert len(list(csv.DictReader(file))) == 6  # three conditions, two presets
-    assert (tmp_path / "reliability.png").stat().st_size > 1000
+        assert len(list(csv.DictReader(file))) == 4  # two conditions, two presets
     part = tmp_path / "objects" / "ball.json"
     made = part.stat().st_mtime_ns
     assert main(command) == 0

@@ -10,7 +10,7 @@ import torch
 from feasigrasp import cli
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp_lab.arm.self_collision import in_collision
+from feasigrasp_lab.arm import in_collision
 from feasigrasp_lab.paper.ik_flow import IkFlow
 from feasigrasp_lab.paper.ik_flow_layers import FlowShape
 from feasigrasp_lab.training import train_ik_flow

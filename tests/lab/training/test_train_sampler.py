@@ -12,12 +12,11 @@ import torch
 
 from feasigrasp import cli
 from feasigrasp.errors import InputError
-from feasigrasp_lab.networks.contact_network import Heads, TorchGraspNetwork
+from feasigrasp_lab.networks import Heads, TorchGraspNetwork
 from feasigrasp_lab.paper.grasp_network import NETWORKS
 from feasigrasp_lab.training import train_sampler
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT
-from feasigrasp_lab.training.grasp_batches import load_examples
-from feasigrasp_lab.training.grasp_losses import Labels, free_share, loss
+from feasigrasp_lab.training.grasp_batches import Labels, free_share, load_examples, loss
 from feasigrasp_lab.training.loop import TrainingError
 from feasigrasp_lab.training.train_sampler import (
     Training,

@@ -13,7 +13,7 @@ from feasigrasp_lab.training.data.grasp_examples import (
     completed_input,
     true_input,
 )
-from feasigrasp_lab.training.data.grasp_labels import N_APPROACHES, N_TURNS
+from feasigrasp_lab.training.data.grasp_labels import N_TURNS
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 from feasigrasp_lab.training.data.household_shapes import (
     HELD_OUT,
@@ -31,8 +31,6 @@ SHAPES = {
     "contact": (POINTS,),
     "width": (POINTS,),
     "closing": (POINTS, 3),
-    "approach": (POINTS, N_APPROACHES, 3),
-    "n_approaches": (POINTS,),
     "across": (POINTS, 3),
     "free": (POINTS, N_TURNS),
 }

@@ -10,7 +10,7 @@ from feasigrasp.models.clouds.checks import outliers
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.segmentation.tabletop import check_no_table
-from feasigrasp_lab.measures.shape import measure, true_samples
+from feasigrasp_lab.studies.shape import measure, true_samples
 from feasigrasp_lab.training.data.views import ViewedObject, turning_views
 
 #: Eight objects, and the seed of a view that shows one of their broad sides.

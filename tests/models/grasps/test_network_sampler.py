@@ -11,7 +11,7 @@ from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.grasps.non_maximum_suppression import ENOUGH
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp_lab.networks.contact_network import TorchGraspNetwork
+from feasigrasp_lab.networks import TorchGraspNetwork
 
 SAMPLER = NetworkSampler(network=TorchGraspNetwork.untrained(seed=1))
 

@@ -13,7 +13,7 @@ from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
-from feasigrasp_lab.arm import self_collision as sc
+from feasigrasp_lab import arm as sc
 
 LINKS = range(8)
 

@@ -13,7 +13,7 @@ from feasigrasp.models.robot.capsules import arm_balls
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.resources import model_path
-from feasigrasp_lab.arm.self_collision import IIWA_CAPSULES
+from feasigrasp_lab.arm import IIWA_CAPSULES
 
 CAMERA = np.array([0.2, -0.8, 1.2])
 BOX_CENTER, BOX_HALF = np.array([0.5, 0.1, 0.15]), np.array([0.1, 0.1, 0.15])

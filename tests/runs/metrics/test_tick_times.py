@@ -10,7 +10,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.runs.metrics.tick_times import TickTimes
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp_lab.bench.control import ControllerProbe
-from feasigrasp_lab.paper.controllers import Unenforced
+from feasigrasp_lab.paper.modes import Unenforced
 
 
 class Slow(Unenforced, GraspController):

@@ -19,8 +19,7 @@ WIDTHS, NARROWEST = 2, 1e-3
 #: Contacts that go through the network together; with a power of two, rows of the matrices would
 #: crowd into the same sets of the cache, and products take twice as long. Source: numerical.
 _TILE = 52
-#: Squared lengths up to this are zero, as in `feasigrasp_lab.networks.vector_neurons`. Source:
-#: numerical.
+#: Squared lengths up to this are zero, as in `feasigrasp_lab.networks`. Source: numerical.
 _NOTHING = 1.2e-38
 
 

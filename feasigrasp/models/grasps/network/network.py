@@ -9,7 +9,7 @@
   probability that the hand is free.
 
 It is exactly equivariant: grasps move with the object. It runs without torch; its torch module, for
-training, is `feasigrasp_lab.networks.contact_network.ContactNetwork`.
+training, is `feasigrasp_lab.networks.ContactNetwork`.
 """
 
 from __future__ import annotations

@@ -7,13 +7,13 @@ from feasigrasp.errors import GraspError
 from feasigrasp.models.geometry import se3
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.float32_kernels import BLOCK, LOG2_TOLERANCE, log_densities, pack
-from feasigrasp_lab.training.reachability.fit_mixture import (
+from feasigrasp_lab.training.large_mixture import (
     LargeFit,
     em_pass,
     fit_large_mixture,
     maximization_step,
 )
-from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks
+from feasigrasp_lab.training.pose_blocks import PoseBlocks
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.kernels import REACHABLE, WRIST
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp_lab.training.reachability import reachable_poses
-from feasigrasp_lab.training.reachability.reachable_poses import (
+from feasigrasp.models.robot.kinematics import manipulability
+from feasigrasp_lab.training import fit_reachability as reachable_poses
+from feasigrasp_lab.training.fit_reachability import (
     FLOOR,
-    IiwaArm,
     join,
     manipulability_reference,
     sample_reachable_poses,
@@ -17,7 +17,7 @@ from feasigrasp_lab.training.reachability.reachable_poses import (
 
 
 def sample(n, seed=0, **options):
-    return sample_reachable_poses(IiwaArm(), n, np.random.default_rng(seed), **options)
+    return sample_reachable_poses(n, np.random.default_rng(seed), **options)
 
 
 def poses(reached):
@@ -43,10 +43,10 @@ def test_counts_add_up_and_the_floor_holds():
 
 
 def test_thinning_keeps_in_proportion_to_manipulability(monkeypatch):
-    arm, reference = IiwaArm(), 0.1
+    reference = 0.1
     rng = np.random.default_rng(1)
     q = IIWA_7.random_positions(rng, 40_000)
-    expected = np.minimum(arm.manipulability(q) / reference, 1.0).mean()
+    expected = np.minimum(manipulability(q) / reference, 1.0).mean()
     monkeypatch.setattr(reachable_poses, "FLOOR", -9.0)
     thinned = sample(40_000, thin=reference)
     kept = len(thinned.positions) / (len(thinned.positions) + thinned.thinned)
@@ -54,9 +54,8 @@ def test_thinning_keeps_in_proportion_to_manipulability(monkeypatch):
 
 
 def test_one_draw_in_ten_is_above_the_reference():
-    arm = IiwaArm()
-    q = np.random.default_rng(6).uniform(arm.lower, arm.upper, (20_000, 7))
-    above = (arm.manipulability(q) > manipulability_reference(arm)).mean()
+    q = IIWA_7.random_positions(np.random.default_rng(6), 20_000)
+    above = (manipulability(q) > manipulability_reference()).mean()
     np.testing.assert_allclose(above, 0.1, atol=0.01)
 
 

@@ -20,7 +20,7 @@ from feasigrasp.models.grasps.network.network import (
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.grasps.network.surroundings import hand_room, neighbourhoods
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp_lab.networks.contact_network import Contacts, TorchGraspNetwork
+from feasigrasp_lab.networks import Contacts, TorchGraspNetwork
 from feasigrasp_lab.paper.grasp_network import NETWORKS
 
 HAND = ParallelGripper()

@@ -21,10 +21,13 @@ import numpy as np
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
-from feasigrasp_lab.mixtures.fit import seed_means
+from feasigrasp_lab.mixtures.fit import LENGTH_SCALE, seed_means
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture
 from feasigrasp_lab.paper.float32_kernels import pack
-from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks, moments_of_blocks
+from feasigrasp_lab.training.pose_blocks import PoseBlocks, moments_of_blocks
+
+#: Most passes over all poses, and over the subset that is fitted first. Source: guessed.
+PASSES, WARM_PASSES = 25, 150
 
 
 class Moments(NamedTuple):
@@ -48,23 +51,17 @@ class LargeFit:
     """Settings of `fit_large_mixture`.
 
     Attributes:
-        length_scale: The distance that weighs as much as one radian in seeding [m/rad].
         rotation_floor: Standard deviation added to every rotational direction [rad].
         translation_floor: Standard deviation added to every translational direction [m].
-        max_iterations: Upper bound on the number of passes over all poses.
         tolerance: EM ends when the mean log likelihood per pose gains less than this.
         warm_poses: Size of the subset that is fitted first.
-        warm_iterations: Upper bound on the passes over that subset.
         threads: Threads of a pass.
     """
 
-    length_scale: float = 0.1
     rotation_floor: float = 0.05
     translation_floor: float = 0.005
-    max_iterations: int = 25
     tolerance: float = 2e-4
     warm_poses: int = 200_000
-    warm_iterations: int = 150
     threads: int = 1
 
     @property
@@ -133,8 +130,8 @@ def fit_large_mixture(
     subset = poses.subset(rng, settings.warm_poses) if poses.n > settings.warm_poses else None
     start = _seeded(subset or poses, n_components, rng, settings)
     if subset is not None:
-        start, _ = _iterate(subset, start, settings.warm_iterations, "subset", settings, progress)
-    return _iterate(poses, start, settings.max_iterations, "all", settings, progress)
+        start, _ = _iterate(subset, start, WARM_PASSES, "subset", settings, progress)
+    return _iterate(poses, start, PASSES, "all", settings, progress)
 
 
 def maximization_step(
@@ -184,8 +181,8 @@ def _seeded(
     seeding_candidates = 4
     q, p = poses.draw(rng, seeding_poses)
     draws = rng.random((n_components, seeding_candidates))
-    seeds, spread = seed_means(q, p, np.ones(q.shape[1]), settings.length_scale, draws)
-    scale = np.array([1.0] * 3 + [settings.length_scale] * 3)
+    seeds, spread = seed_means(q, p, np.ones(q.shape[1]), LENGTH_SCALE, draws)
+    scale = np.array([1.0] * 3 + [LENGTH_SCALE] * 3)
     covariance = np.diag((spread * scale) ** 2 + settings.floor**2)
     means = se3.make_pose(se3.rotations(q[:, seeds].T), p[:, seeds].T)
     return RiemannianMixture(np.ones(len(seeds)), means, np.tile(covariance, (len(seeds), 1, 1)))

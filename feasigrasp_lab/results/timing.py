@@ -7,16 +7,13 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from feasigrasp_lab.results.rows import Row, report_rows, write_csv
 from feasigrasp_lab.results.statistics import Estimate
-
-Result = TypeVar("Result")
 
 #: Units that names of rows end in, and how many are a second.
 _PER_SECOND = {"us": 1e6, "ms": 1e3, "s": 1.0}
@@ -62,19 +59,6 @@ def cpu_time(function: Callable[[], object], seconds: float = 1.0) -> Timing:
     return Timing(statistics.median(times), low, high, n)
 
 
-def cpu_ms(function: Callable[[], Result]) -> tuple[Result, float]:
-    """What a function returns, and the processor time that it took on one thread [ms].
-
-    The threads of a linear algebra library spin while they wait for each other. In the processor
-    time of the process all of them count, so that beside other work a call on two threads takes
-    many times what it needs: hence one, and its time alone.
-    """
-    with threadpool_limits(1):
-        start = time.thread_time()
-        result = function()
-        return result, 1e3 * (time.thread_time() - start)
-
-
 def _elapsed(function: Callable[[], object], calls: int) -> float:
     start = time.process_time()
     for _ in range(calls):
@@ -107,27 +91,16 @@ def time_cases(cases: Iterable[Case], seconds: float) -> list[Row]:
         ]
 
 
-def installed(module: str, package: str) -> bool:
-    """Whether a peer's module can be imported; says so if not."""
-    found = find_spec(module) is not None
-    if not found:
-        print(f"{package} is not installed: its rows are left out")
-    return found
-
-
-def report_bench(
-    args: argparse.Namespace, what: str, rows: Sequence[Row], table: str = "", **more: Any
-) -> None:
+def report_bench(args: argparse.Namespace, what: str, rows: Sequence[Row], **more: Any) -> None:
     """Writes ``timings.csv`` and ``summary.json`` and prints the rows.
 
     Args:
         args: Arguments of the command.
         what: The command without ``feasigrasp bench``, e.g. ``kinematics``.
         rows: The figures.
-        table: What is printed instead of all rows.
         **more: Further entries of the summary.
     """
     heads = ("name", "preset", "median", "low", "high", "unit", "repetitions")
     lines = [(r.name, r.preset, r.value, r.low, r.high, r.unit, r.n) for r in rows]
     write_csv(args.out / "timings.csv", lines, heads)
-    report_rows(args, f"bench {what}", rows, table, **more)
+    report_rows(args, f"bench {what}", rows, **more)

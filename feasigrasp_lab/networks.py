@@ -1,4 +1,4 @@
-"""Architecture of the grasp network in torch: contact features to grasps.
+"""Architecture of the grasp network in torch, and vector neurons: contact features to grasps.
 
 It takes a batch of B clouds of n points and gives, for every point, how likely a grasp starts
 there and which:
@@ -12,6 +12,14 @@ there and which:
 - a ring of approach directions round each contact shares one small perceptron; it sees the room
   that the hand has that way and in the ways beside it, the vectors' components in the ring's frame,
   and the invariants, and gives the probability that the hand is free.
+
+Vector neurons (Deng, Litany, Duan, Poulenard, Tagliasacchi, Guibas, "Vector Neurons: A General
+Framework for SO(3)-Equivariant Networks", ICCV 2021) are layers whose features are C vectors, not
+numbers. A linear layer mixes vectors with scalar weights and has no bias, the nonlinearity cuts
+vectors at a half space whose direction is itself such a mixture; rotating the input by R rotates
+every vector by R, up to rounding and for any weights. Their layout is ``(..., 3, n, C)``, channels
+last, so that a linear layer is one matrix product over all points and coordinates. No epsilon is
+added anywhere: where a direction vanishes it is left out.
 """
 
 from __future__ import annotations
@@ -41,13 +49,80 @@ from feasigrasp.models.grasps.network.network import (
 )
 from feasigrasp.models.grasps.network.surroundings import ROOM
 from feasigrasp.models.weights_file import WeightArrays, check_arrays
-from feasigrasp_lab.networks.vector_neurons import (
-    VectorLinear,
-    VectorLinearReLU,
-    across,
-    lengths,
-    unit,
-)
+
+#: Squared lengths below the least normal float32 are zero: their direction is rounding. Source:
+#: numerical.
+_NOTHING = 1.2e-38
+
+
+class VectorLinear(nn.Module):
+    """Mixes vectors: ``v'_c = sum_k W_ck v_k``.
+
+    Args:
+        inputs: Channels that come in.
+        outputs: Channels that go out.
+    """
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(torch.empty(outputs, inputs))
+        nn.init.uniform_(self.weight, -(inputs**-0.5), inputs**-0.5)
+
+    def forward(self, vectors: Tensor) -> Tensor:
+        """From vectors (..., 3, n, inputs) to (..., 3, n, outputs)."""
+        return vectors @ self.weight.T
+
+
+class VectorLinearReLU(nn.Module):
+    """Mixes vectors, then takes from each what points against a learned direction.
+
+    With ``p = W v`` and the direction ``d = U v``, which all channels share: p where
+    ``p . d >= 0``, and its part across d, ``p - (p . d / |d|^2) d``, elsewhere.
+
+    Args:
+        inputs: Channels that come in.
+        outputs: Channels that go out.
+    """
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.outputs = outputs
+        self.mix = VectorLinear(inputs, outputs + 1)
+
+    def forward(self, vectors: Tensor) -> Tensor:
+        """From vectors (..., 3, n, inputs) to (..., 3, n, outputs)."""
+        mixed = self.mix(vectors)
+        p, d = mixed[..., : self.outputs], mixed[..., self.outputs :]
+        against = (p * d).sum(-3, keepdim=True).clamp_max(0.0)
+        return p - (against / squared_length(d)) * d
+
+
+def squared_length(vectors: Tensor) -> Tensor:
+    """Squared lengths of vectors (..., 3, n, C): (..., 1, n, C); infinite where they vanish."""
+    square = (vectors * vectors).sum(-3, keepdim=True)
+    return torch.where(square > _NOTHING, square, torch.inf)
+
+
+def lengths(vectors: Tensor) -> Tensor:
+    """Lengths (..., n, C) of vectors (..., 3, n, C), with a finite gradient at zero."""
+    return (vectors * vectors).sum(-3).clamp_min(_NOTHING).sqrt()
+
+
+def with_mean(vectors: Tensor) -> Tensor:
+    """Appends the means over the points as further channels: (..., 3, n, 2 C)."""
+    mean = vectors.mean(-2, keepdim=True)
+    return torch.cat((vectors, mean.expand_as(vectors)), -1)
+
+
+def unit(vectors: Tensor, dim: int = -1) -> Tensor:
+    """Vectors scaled to length 1; those that vanish stay zero."""
+    square = (vectors * vectors).sum(dim, keepdim=True)
+    return vectors * torch.where(square > _NOTHING, square, torch.inf).rsqrt()
+
+
+def across(vectors: Tensor, axes: Tensor) -> Tensor:
+    """The part of vectors (..., 3) across unit axes (..., 3)."""
+    return vectors - (vectors * axes).sum(-1, keepdim=True) * axes
 
 
 class Contacts(NamedTuple):

@@ -105,7 +105,7 @@ def _add_moments(r, v, first, second):
     """Adds sum r v and the lower triangle of sum r v v^T of a block; returns sum r.
 
     Three loops, each with few enough sums to stay in registers: a pass takes a quarter less time
-    than with one loop a sum (bench.em_pass_s).
+    than with one loop a sum.
     """
     wide_vectors()
     v0, v1, v2, v3, v4, v5 = v[0], v[1], v[2], v[3], v[4], v[5]

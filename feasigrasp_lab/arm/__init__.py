@@ -1,1 +1,0 @@
-"""Algorithms for the arm that studies and training use, and no run."""

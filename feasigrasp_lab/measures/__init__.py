@@ -1,1 +1,0 @@
-"""Error measures of shapes, grasps and scores."""

@@ -1,1 +1,0 @@
-"""Torch modules of the grasp networks, for training and comparison."""

@@ -1,1 +1,0 @@
-"""Implementations of others, for comparison."""

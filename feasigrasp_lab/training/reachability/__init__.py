@@ -1,1 +1,0 @@
-"""Fit of the reachable space of an arm."""
