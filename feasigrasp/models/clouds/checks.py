@@ -1,7 +1,5 @@
 """Requirements on a point cloud before a field is fitted to it, and removal of outliers."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix

@@ -24,12 +24,7 @@ EDGE_JUMP = 0.02
 SCANTY, GROWTH = 150, 10
 
 
-def edge_pixels(
-    points: NDArray[np.floating],
-    seen: Mask,
-    of_body: Mask,
-    jump: float,
-) -> Mask:
+def edge_pixels(points: NDArray[np.floating], seen: Mask, of_body: Mask, jump: float) -> Mask:
     """Pixels with a neighbour, of the four, that shows another surface.
 
     That is one whose point is farther away than ``jump``, or one without a point that does not
@@ -45,10 +40,7 @@ def edge_pixels(
         Shape (h, w).
     """
     edge = np.zeros(seen.shape, dtype=bool)
-    for one, next_ in (
-        (np.s_[:-1, :], np.s_[1:, :]),
-        (np.s_[:, :-1], np.s_[:, 1:]),
-    ):
+    for one, next_ in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
         with np.errstate(invalid="ignore"):  # infinity minus infinity, where nothing was measured
             square = np.square(points[:, *next_] - points[:, *one]).sum(axis=0)
         apart = seen[one] & seen[next_] & (square > jump**2)

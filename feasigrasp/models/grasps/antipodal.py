@@ -1,7 +1,5 @@
 """Model-free grasp sampler: contact pairs on the completed surface along the inward normal."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

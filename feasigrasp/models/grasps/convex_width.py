@@ -4,8 +4,6 @@ Of a polytope it is taken over the planes of its faces (Houle & Toussaint, "Comp
 set", IEEE PAMI 1988, where pairs of edges count, too: those are hardly closer here).
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

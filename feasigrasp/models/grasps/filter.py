@@ -7,8 +7,6 @@ translation in that look-up. Beyond the paper, the margin of the hand grows with
 the surface beside it, and what is left is scored by the probability that it is a true grasp.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated

@@ -1,7 +1,5 @@
 """Meshes for grasps and surface points in visualizations."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

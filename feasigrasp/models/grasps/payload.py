@@ -1,7 +1,5 @@
 """Payload filter: grasp wrench capacity of soft pads (Howe and Cutkosky 1996)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Perception of one cloud: completed surface, grasps, and reasons of rejection."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """The grasp samplers by name, for scenarios and commands."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -136,11 +134,7 @@ def make_sampler(
         return added if filtered else Unfiltered(added)
     if chosen == SamplerName.ANTIPODAL:
         antipodal = AntipodalSampler(
-            gripper,
-            n_candidates=n_candidates,
-            n_grasps=n_grasps,
-            least_score=least,
-            seed=seed,
+            gripper, n_candidates=n_candidates, n_grasps=n_grasps, least_score=least, seed=seed
         )
         return antipodal if filtered else Unfiltered(antipodal)
     network = NetworkSampler(

@@ -1,7 +1,5 @@
 """Suction sampler: places of a completed surface that a cup closes on (Mahler et al. 2018)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

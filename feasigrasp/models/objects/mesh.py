@@ -4,8 +4,6 @@ Everything that makes a mesh file from somewhere into the surface of one solid b
 reason why it cannot be one, is in this file.
 """
 
-from __future__ import annotations
-
 import sys
 from itertools import combinations
 from pathlib import Path

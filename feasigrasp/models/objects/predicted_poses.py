@@ -1,7 +1,5 @@
 """Predicted object poses over the prediction horizon."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 import numpy as np

@@ -8,8 +8,6 @@ acceleration, which dies out. The orientation goes on with the mean angular velo
 second.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 

@@ -2,11 +2,7 @@
 
 from feasigrasp.models.reach.feasible_grasps import feasible_grasps
 from feasigrasp.models.reach.feasible_poses import feasible_poses
-from feasigrasp.models.reach.interception import (
-    InterceptionOptions,
-    Situation,
-    find_interceptions,
-)
+from feasigrasp.models.reach.interception import InterceptionOptions, Situation, find_interceptions
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
 
 __all__ = [

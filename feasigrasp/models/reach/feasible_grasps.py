@@ -1,7 +1,5 @@
 """Grasps of a moving object that the arm can intercept and follow."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Annotated

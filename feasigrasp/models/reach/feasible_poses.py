@@ -1,7 +1,5 @@
 """Feasibility of grasps that others have sampled, by the filters of the pipeline."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -13,8 +13,6 @@ with the largest share ``a`` of the acceleration limits on the path. A good scor
 up for some of it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, NamedTuple

@@ -10,12 +10,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.ik.continuation import (
-    is_seeded,
-    is_srs,
-    other_kernel,
-    redundancy_kernel,
-)
+from feasigrasp.models.ik.continuation import is_seeded, is_srs, other_kernel, redundancy_kernel
 from feasigrasp.models.ik.redundancy import (
     RedundancySamples,
     Segments,

@@ -4,8 +4,6 @@ A hand is a few lengths and two boxes; sampler, filter, capsules, simulated mode
 view of the room for a hand take them from there, so nothing is trained anew for another one.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import ClassVar

@@ -1,7 +1,5 @@
 """Data of the KUKA LBR iiwa 7 R800: dimensions, limits, capsules."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import product
 

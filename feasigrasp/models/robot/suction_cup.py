@@ -1,7 +1,5 @@
 """Suction cups."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

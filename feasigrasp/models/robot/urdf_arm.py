@@ -1,7 +1,5 @@
 """An arm's description from a URDF: axes, limits, inertias, capsules around its meshes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One depth image with normals and pixel neighborhoods."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from feasigrasp.models.arrays import Array, Floats, Frozen

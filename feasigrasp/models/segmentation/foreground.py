@@ -14,8 +14,6 @@
    looked for from.
 """
 
-from __future__ import annotations
-
 from enum import IntEnum
 from itertools import product
 from typing import NamedTuple, Protocol

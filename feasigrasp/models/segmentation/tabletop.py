@@ -3,8 +3,6 @@
 For clouds of real cameras, where neither arm nor cell nor an earlier image is known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

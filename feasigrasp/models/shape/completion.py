@@ -7,8 +7,6 @@ and the variance counts the observations alone: what free space shaped is as unc
 nothing shaped.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -283,11 +281,7 @@ def complete_shape(
     fitted, observed = fitted_to(len(surface), hidden)
     content = {f.name: getattr(fitted, f.name) for f in fields(Gpdf)} | {"table": plane}
     return CompletedField(
-        **content,
-        cloud=points,
-        cloud_normals=cloud.normals,
-        images=cloud.images,
-        observed=observed,
+        **content, cloud=points, cloud_normals=cloud.normals, images=cloud.images, observed=observed
     )
 
 

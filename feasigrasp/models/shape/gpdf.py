@@ -1,7 +1,5 @@
 """Gaussian process distance field (GPDF, Le Gentil et al. 2024): queries, expected error."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property

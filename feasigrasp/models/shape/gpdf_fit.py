@@ -11,8 +11,6 @@ normal, ``y = exp(-+h / l)``, give the process the inside. Without them one thir
 inside has the wrong sign for a single view. ``surface_offset=None`` gives the paper's field.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

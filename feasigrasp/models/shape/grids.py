@@ -6,8 +6,6 @@ has the inside and what lies between the points; the points have the edges, whic
 Unobserved space that may belong to a surface counts as surface.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from feasigrasp.models.arrays import Array, cached_on_value

@@ -206,10 +206,7 @@ def _shapes(channels: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
     blocks = {f"down.{k}": pair for k, pair in enumerate(itertools.pairwise(ways))}
     for k, (a, b) in enumerate(itertools.pairwise(channels)):
         blocks[f"up.{k}"] = (a + b, a)
-    shapes: dict[str, tuple[int, ...]] = {
-        "head.weight": (2, channels[0], 1, 1),
-        "head.bias": (2,),
-    }
+    shapes: dict[str, tuple[int, ...]] = {"head.weight": (2, channels[0], 1, 1), "head.bias": (2,)}
     for name, (inputs, outputs) in blocks.items():
         for layer, before in ((0, inputs), (2, outputs)):
             shapes[f"{name}.{layer}.weight"] = (outputs, before, 3, 3)

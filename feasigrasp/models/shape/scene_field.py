@@ -13,8 +13,6 @@ cloud of the surroundings, with three things that a scene needs:
 - What is behind a surface was not seen. Up to ``thickness`` behind it counts as inside.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """Signed-distance grid of static obstacles."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

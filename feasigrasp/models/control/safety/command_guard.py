@@ -7,8 +7,6 @@ controller asks for within all limits (`drive_step_kernel`), and when nothing ha
 with is then a position at rest. It also keeps the clearances of a `SafetyFilter` of its own.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import replace
 
