@@ -7,7 +7,7 @@ from typing import Any
 
 from feasigrasp.models.choices import ControlSpace
 from feasigrasp.models.grasps.samplers import SamplerName
-from feasigrasp.models.objects.predicted_poses import PredictionModel
+from feasigrasp.models.objects.prediction import PredictionModel
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.protocols.degradations import Change, unchanged
 from feasigrasp_lab.results.finished import Record

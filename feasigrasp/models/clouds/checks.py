@@ -8,8 +8,7 @@ from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array, Indices, Mask
-from feasigrasp.models.clouds.camera import stereo_deviation
-from feasigrasp.models.geometry.se3 import perpendiculars
+from feasigrasp.models.clouds.camera import looking_along, projected, stereo_deviation
 
 # Removal of outliers, flying pixels and reflections from a cloud.
 #
@@ -89,11 +88,7 @@ def smeared(points: Array, p_OC: Array) -> Mask:
     neighbours, pitch_of, explained = 8, 4, 0.9
     if len(points) <= neighbours:
         return np.zeros(len(points), dtype=bool)
-    middle = points.mean(axis=0) - p_OC
-    z = middle / max(float(np.linalg.norm(middle)), 1e-12)
-    in_camera = (points - p_OC) @ np.stack([*perpendiculars(z), z], axis=1)
-    depth = np.maximum(in_camera[:, 2], 1e-3)
-    at = in_camera[:, :2] / depth[:, None]
+    at, depth = projected(points, p_OC, looking_along(points.mean(axis=0) - p_OC))
     apart, near = cKDTree(at).query(at, k=neighbours + 1)
     pitch = float(np.median(apart[:, pitch_of]))
     noise = stereo_deviation(1.0 / max(pitch, 1e-6))
@@ -115,11 +110,8 @@ def _continue_the_picture(points: Array, p_OC: Array, chosen: Indices) -> Mask:
     # Neighbours in the picture, and the multiples of their usual distance and of the spread of
     # their depths within which a point continues them.
     count_beside, most_apart, most_deeper = 12, 2.0, 3.0
-    middle = points.mean(axis=0) - p_OC
-    z = middle / max(float(np.linalg.norm(middle)), 1e-12)
-    in_camera = (points - p_OC) @ np.stack([*perpendiculars(z), z], axis=1)
-    depth = np.maximum(in_camera[:, 2], 1e-3)
-    tree = cKDTree(in_camera[:, :2] / depth[:, None])
+    at, depth = projected(points, p_OC, looking_along(points.mean(axis=0) - p_OC))
+    tree = cKDTree(at)
     k = min(count_beside + 1, len(points))
     usual = float(np.median(tree.query(tree.data[:: -(-len(points) // 200)], k=k)[0][:, -1]))
     apart, near = tree.query(tree.data[chosen], k=k)

@@ -94,7 +94,9 @@ def filter_grasps(
     candidates = GraspSet(poses, np.asarray(width), learned[:, 0], {}, numbers)
     if table is None and gpdf.table is not None:
         table = gpdf.table * [1.0, 1.0, 1.0, -1.0]
-    plane = None if table is None else _checked_plane(table)
+    plane = None if table is None else np.asarray(table)
+    if plane is not None and not abs(np.linalg.norm(plane[:3]) - 1.0) < 1e-6:
+        raise GraspError(f"table = {plane}; give a unit normal and an offset in metres, shape (4,)")
     if len(candidates) == 0:
         return candidates
 
@@ -140,8 +142,7 @@ def filter_grasps(
         joint = probability(JOINT_CONTACT, of_network, odds(contact))
         contact = np.where(candidates.width < THIN_WALL, in_thin_wall, joint)
     score = contact * certain
-    ranked = replace(candidates, score=score)
-    return ranked.select(np.argsort(-score, kind="stable"))
+    return replace(candidates, score=score).select(np.argsort(-score, kind="stable"))
 
 
 def contacts(grasps: GraspSet) -> tuple[Array, Array]:
@@ -208,13 +209,6 @@ def above_table(X_OG: Array, plane: Array, gripper: Gripper) -> Mask:
     # Heights of points along the axes of every hand, and of their origins.
     height = np.einsum("j,nji,ki->nk", plane[:3], X_OG[:, :3, :3], hand, optimize=True)
     return np.asarray(height.min(axis=1) + X_OG[:, :3, 3] @ plane[:3] - plane[3] >= MARGIN)
-
-
-def _checked_plane(table: ArrayLike) -> Array:
-    plane = np.asarray(table)
-    if not abs(np.linalg.norm(plane[:3]) - 1.0) < 1e-6:
-        raise GraspError(f"table = {plane}; give a unit normal and an offset in metres, shape (4,)")
-    return plane
 
 
 def _contact_state(gpdf: Gpdf, grasps: GraspSet) -> tuple[Array, Array]:

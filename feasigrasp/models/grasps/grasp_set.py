@@ -74,33 +74,25 @@ class GraspSet(Frozen):
     width: Annotated[Array, ArrayOf(("n",), "m")]
     score: Annotated[Array, ArrayOf(("n",))]
     rejected: Mapping[str, Whole] = field(default_factory=dict)
-    id: Annotated[Indices, ArrayOf(("k",), dtype=np.int64)] = field(
-        default_factory=lambda: np.zeros(0, dtype=np.int64)
-    )
+    id: Annotated[Indices, _NUMBERS] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     load: Load | None = None
     payload_score: Annotated[Array, ArrayOf(("n",))] | None = None
     on_object: Annotated[Indices, _NUMBERS_OF_ALL] | None = None
 
     def __post_init__(self) -> None:
-        """Freezes the arrays and checks that they agree."""
         if np.ndim(self.X_OG) == 2:  # one grasp
             object.__setattr__(self, "X_OG", np.asarray(self.X_OG)[None])
             for name in ("width", "score"):
                 object.__setattr__(self, name, np.atleast_1d(getattr(self, name)))
         check_fields(self, GraspError)
-        X_OG, width, score = self.X_OG.copy(), self.width.copy(), self.score.copy()
-        id_ = self.id.copy()
-        if len(id_) == 0:
-            id_ = np.full(len(width), UNKNOWN, dtype=np.int64)
-        if len(id_) != len(width):
+        arrays = {k: v.copy() for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+        if len(self.id) == 0:
+            arrays["id"] = np.full(len(self), UNKNOWN, dtype=np.int64)
+        elif len(self.id) != len(self):
             raise GraspError(
-                f"GraspSet: {len(width)} grasps and {len(id_)} numbers in id; give one each."
+                f"GraspSet: {len(self)} grasps and {len(self.id)} numbers in id; give one each."
             )
-        self._freeze(X_OG=X_OG, width=width, score=score, id=id_)
-        if self.payload_score is not None:
-            self._freeze(payload_score=self.payload_score.copy())
-        if self.on_object is not None:
-            self._freeze(on_object=self.on_object.copy())
+        self._freeze(**arrays)
         words = {str(reason): count for reason, count in self.rejected.items()}
         object.__setattr__(self, "rejected", MappingProxyType(words))
 

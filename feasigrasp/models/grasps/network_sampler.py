@@ -75,7 +75,6 @@ class NetworkSampler:
     top_up: bool = True
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         check_fields(self, GraspError)
 
     @checked(GraspError)

@@ -44,7 +44,6 @@ class Perception:
     down: Annotated[Array, POINT] | None = None
 
     def __post_init__(self) -> None:
-        """Checks what it is made of."""
         check_fields(self, GraspError)
 
 

@@ -111,7 +111,6 @@ class SuctionSampler:
     n_turns: Count = 4
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         check_fields(self, GraspError)
 
     @checked(GraspError)

@@ -1,10 +1,9 @@
 """Visible bodies without contact: the carrier of the object, and a distractor."""
 
-from __future__ import annotations
-
 from colorsys import hsv_to_rgb
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Self
 
 import numpy as np
 import trimesh
@@ -151,7 +150,7 @@ class Carrier(DistractorBody):
     @classmethod
     def of(
         cls, kind: CarrierKind, obj: RigidObject, motion: ObjectMotion, hue: float | None
-    ) -> Carrier:
+    ) -> Self:
         """The carrier of an object that starts where its motion does.
 
         Args:

@@ -1,11 +1,9 @@
 """A rigid object to grasp: its surface, mass and inertia, built in or from any mesh file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 import trimesh
@@ -67,7 +65,7 @@ class RigidObject(Frozen):
 
     @classmethod
     @checked(MeshError)
-    def of_mesh(cls, name: str, mesh: trimesh.Trimesh, mass: Positive, **about: Any) -> RigidObject:
+    def of_mesh(cls, name: str, mesh: trimesh.Trimesh, mass: Positive, **about: Any) -> Self:
         """A closed mesh [m] of uniform density; ``about`` is its color, material and notes."""
         unit = mesh.mass_properties  # of density 1
         p_MO = np.asarray(unit.center_mass)
@@ -110,7 +108,7 @@ class _Entry:
     material: str = RigidObject.material
 
     @classmethod
-    def of(cls, file: Path, entry: dict[str, Any]) -> _Entry:
+    def of(cls, file: Path, entry: dict[str, Any]) -> Self:
         """An entry of a file; keys for people, such as a description, are passed over."""
         names = [field.name for field in fields(cls)]
         try:

@@ -33,8 +33,7 @@ from feasigrasp.models.ik.continuation import (
     solve_kernel,
 )
 from feasigrasp.models.ik.self_motion import inside_limits_kernel
-from feasigrasp.models.objects.predicted_poses import PredictionModel, predicted_poses
-from feasigrasp.models.objects.prediction import Motion
+from feasigrasp.models.objects.prediction import Motion, PredictionModel, predicted_poses
 from feasigrasp.models.quantities import (
     JOINT_POSITIONS,
     JOINT_RATES,

@@ -86,10 +86,20 @@ class Gripper(Frozen, ABC):
     def skin_points(self, opening: NotNegative) -> Array:
         """Points all over the hand: what must not hit anything, shape (k, 3) in G [m]."""
 
-    def _camera_points(self) -> Array:
-        """Points on the front of the wrist camera."""
+    def _body_points(self) -> Array:
+        """Points on front and back of the palm, and on the front of the wrist camera."""
+        px, py, pz = (size / 2 for size in self.palm_size)
         cx, cy, cz = (size / 2 for size in self.camera_box)
-        return grid_points([-cx, 0.0, cx], [-cy, cy], [cz]) + np.array(self.camera_center)
+        front = grid_points(np.linspace(-px, px, 5), np.linspace(-py, py, 5), [self.heel])
+        camera = grid_points([-cx, 0.0, cx], [-cy, cy], [cz]) + np.array(self.camera_center)
+        back = grid_points([-px, px], [-py, py], [self.heel - 2 * pz])
+        return np.concatenate([front, camera, back])
+
+    def _body_skin(self) -> Array:
+        """Points all over palm and camera, no more than 1.5 cm apart."""
+        palm = np.array(self.palm_size)
+        box = box_skin([0.0, 0.0, self.heel - palm[2] / 2], palm, 0.015)
+        return np.concatenate([box, box_skin(self.camera_center, np.array(self.camera_box), 0.015)])
 
     def _check(self) -> None:
         name = type(self).__name__
@@ -210,10 +220,7 @@ class ParallelGripper(Gripper):
             grid_points([-near, near], [-side, 0.0, side], along),
             grid_points([-far, far], [-side, side], along),
         ]
-        px, py, pz = (size / 2 for size in self.palm_size)
-        front = grid_points(np.linspace(-px, px, 5), np.linspace(-py, py, 5), [self.heel])
-        back = grid_points([-px, px], [-py, py], [self.heel - 2 * pz])
-        return np.concatenate([*fingers, front, self._camera_points(), back])
+        return np.concatenate([*fingers, self._body_points()])
 
     @checked(GraspError)
     def skin_points(self, opening: NotNegative) -> Array:
@@ -229,15 +236,8 @@ class ParallelGripper(Gripper):
         """
         finger = np.array([self.finger_thickness, self.finger_width, self.tip - self.heel])
         out, middle = (opening + self.finger_thickness) / 2, (self.tip + self.heel) / 2
-        palm = np.array(self.palm_size)
-        return np.concatenate(
-            [
-                box_skin([-out, 0.0, middle], finger, 0.01),
-                box_skin([out, 0.0, middle], finger, 0.01),
-                box_skin([0.0, 0.0, self.heel - palm[2] / 2], palm, 0.015),
-                box_skin(self.camera_center, np.array(self.camera_box), 0.015),
-            ]
-        )
+        fingers = [box_skin([x, 0.0, middle], finger, 0.01) for x in (-out, out)]
+        return np.concatenate([*fingers, self._body_skin()])
 
 
 def box_skin(center: ArrayLike, size: Array, spacing: float) -> Array:

@@ -53,7 +53,6 @@ class Material:
     length: Positive
 
     def __post_init__(self) -> None:
-        """Checks the values; raises `CameraError`."""
         check_fields(self, CameraError)
 
 

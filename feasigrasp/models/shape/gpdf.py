@@ -33,7 +33,6 @@ class SurfacePoints(Frozen):
     variance_at: Callable[[Array], Array] = field(repr=False)
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
         self._freeze(points=self.points, normals=self.normals)
 
     def __len__(self) -> int:
@@ -87,7 +86,6 @@ class Gpdf(Frozen):
     has_free_space: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Checks and freezes the arrays."""
         check_fields(self, PointCloudError)
         self._freeze(**{k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)})
 

@@ -6,15 +6,13 @@ how thick household shapes are behind each pixel; the distance field takes that 
 that are as uncertain as the network says (`feasigrasp.models.shape.completion`).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,7 +169,7 @@ class HiddenSide:
         _FILE.save(filename, {"channels": self.channels}, self._weights)
 
     @classmethod
-    def load(cls, filename: Path = DEFAULT_WEIGHTS) -> HiddenSide:
+    def load(cls, filename: Path = DEFAULT_WEIGHTS) -> Self:
         """Reads weights that `save` wrote.
 
         Raises:
@@ -180,7 +178,7 @@ class HiddenSide:
         return _FILE.load(filename, cls._of)
 
     @classmethod
-    def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> HiddenSide:
+    def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> Self:
         return cls(header["channels"], arrays)
 
     def _block(self, name: str, x: Float32) -> Float32:

@@ -70,7 +70,6 @@ class SceneField(Frozen):
     unobserved: Annotated[Array, _UNOBSERVED] = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
-        """Checks and freezes the arrays."""
         check_fields(self, PointCloudError)
         if self.cube.size and not 0 <= self.cube.min() <= self.cube.max() < len(self.fields):
             raise PointCloudError(f"SceneField.cube is outside 0 ... {len(self.fields) - 1}")

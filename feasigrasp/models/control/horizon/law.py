@@ -8,10 +8,9 @@ selected one: in task space the negative log density of a Riemannian mixture, in
 distance field over their inverse kinematics solutions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Self
 
 import numpy as np
 
@@ -32,7 +31,7 @@ from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.continuation import branch_kernel, redundancy_kernel
-from feasigrasp.models.objects.predicted_poses import PredictionModel
+from feasigrasp.models.objects.prediction import PredictionModel
 from feasigrasp.models.quantities import Count, NotNegative, Positive
 from feasigrasp.models.reach.interception import (
     InterceptionOptions,
@@ -128,7 +127,7 @@ class HorizonPlan(Frozen):
         """The selected grasp, shape (4, 4) [m]; None without one."""
         return self.grasps[0] if len(self.grasps) else None
 
-    def without_grasp(self, time: float) -> HorizonPlan:
+    def without_grasp(self, time: float) -> Self:
         """The plan at a time [s], with no grasp selected."""
         return replace(self, time=time, grasps=np.zeros((0, 4, 4)))
 

@@ -53,7 +53,6 @@ class SearchTarget(Frozen):
     age: float
 
     def __post_init__(self) -> None:
-        """Freezes the array."""
         self._freeze(X_WO=np.array(self.X_WO, dtype=float))
 
 

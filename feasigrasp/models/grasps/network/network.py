@@ -186,7 +186,6 @@ class GraspProposals(Frozen):
     approach_score: Array
 
     def __post_init__(self) -> None:
-        """Makes the arrays read-only."""
         self._freeze(**vars(self))
 
 
