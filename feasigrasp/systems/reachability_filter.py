@@ -15,8 +15,12 @@ from feasigrasp.models.grasps.hand_clearance import scene_clear, unobserved_clea
 from feasigrasp.models.grasps.payload import rated_by_payload
 from feasigrasp.models.objects.prediction import Motion, PredictionModel
 from feasigrasp.models.quantities import NotNegative, Positive
-from feasigrasp.models.reach.feasible_grasps import JudgedGrasps, feasible_grasps
-from feasigrasp.models.reach.feasible_poses import Feasibility, feasible_poses
+from feasigrasp.models.reach.feasible_grasps import (
+    Feasibility,
+    JudgedGrasps,
+    feasible_grasps,
+    feasible_poses,
+)
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import Gripper

@@ -18,7 +18,6 @@ from tqdm import tqdm
 from feasigrasp.errors import MeshError, needed_by
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.objects.mesh_cache import LARGE
-from feasigrasp.outputs import write_text
 
 #: Faces beyond this number slow contact down without changing a grasp. Source: guessed.
 MAX_FACES = 4000
@@ -124,17 +123,13 @@ def decimate_within(mesh: trimesh.Trimesh, tolerance: float) -> trimesh.Trimesh:
     return _trimesh(fine.simplify(0.5 * tolerance))
 
 
-def write_obj(path: Path, vertices: Array, faces: Indices) -> None:
-    """Writes a surface as `obj_text`."""
-    write_text(path, obj_text(vertices, faces))
-
-
-def obj_text(vertices: Array, faces: Indices) -> str:
+def obj_text(mesh: trimesh.Trimesh) -> str:
     """An OBJ with vertex normals, which Drake's RenderEngineVtk needs to draw it.
 
     Vertices stay shared, so the file is as watertight as the mesh; a vertex on a crease sharper
     than 40 degrees carries one normal per side (``f v//n``).
     """
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     normals, corners = _crease_normals(vertices, faces)
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices + 0.0]
     lines += [f"vn {x:.3f} {y:.3f} {z:.3f}" for x, y, z in normals]

@@ -231,8 +231,7 @@ def _obj_text(vertices: bytes, faces: bytes, tolerance: float | None) -> str:
         np.frombuffer(faces, dtype=int).reshape(-1, 3),
         process=False,
     )
-    mesh = mesh if tolerance is None else decimate_within(mesh, tolerance)
-    return obj_text(mesh.vertices, mesh.faces)
+    return obj_text(mesh if tolerance is None else decimate_within(mesh, tolerance))
 
 
 def object_file(name_or_path: str | Path) -> Path:

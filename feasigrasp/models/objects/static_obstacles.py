@@ -119,11 +119,7 @@ class StaticObstacle(Frozen):
 
     def files(self) -> dict[str, str]:
         """The body as files of a URDF model, ``obstacle.urdf``, by their names."""
-        files = {f"part_{i}.obj": _obj(part) for i, part in enumerate(self.parts)}
+        files = {f"part_{i}.obj": obj_text(part) for i, part in enumerate(self.parts)}
         collisions = "\n".join(_COLLISION.format(i=i) for i in range(len(self.parts)))
         urdf = _URDF.format(name=self.name, parts=collisions)
-        return {"obstacle.urdf": urdf, "surface.obj": _obj(self.mesh), **files}
-
-
-def _obj(mesh: trimesh.Trimesh) -> str:
-    return obj_text(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        return {"obstacle.urdf": urdf, "surface.obj": obj_text(self.mesh), **files}

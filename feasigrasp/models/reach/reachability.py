@@ -177,7 +177,6 @@ def _make_search(reachability: Reachability) -> Search:
         spacing=2.0 * np.pi / reachability.n_arm_angles,
         limit_margin=float(reachability.limit_margin),
         clearance=float(reachability.clearance),
-        table_height=float(reachability.table_height),
         floor=float(reachability.table_height + reachability.table_clearance),
         capsules=capsules,
         open=undecided.with_pairs(capsules.pairs[~decided]),
