@@ -193,14 +193,9 @@ def checked_cloud(points: ArrayLike) -> Array:
     return cloud
 
 
-def check_fit(
-    length_scale: float, noise_variance: float, surface_offset: float | None, max_points: int
-) -> None:
-    """Refuses parameters of the fit that are out of range, by name."""
-    for name, value in (("length_scale", length_scale), ("noise_variance", noise_variance)):
-        if not (np.isfinite(value) and value > 0):
-            raise PointCloudError(f"{name} = {value}; give a positive number")
-    if surface_offset is not None and not 0 < surface_offset < length_scale:
+def check_fit(length_scale: float, surface_offset: float | None, max_points: int) -> None:
+    """Refuses parameters of the fit, positive ones, that are out of range, by name."""
+    if surface_offset is not None and not surface_offset < length_scale:
         raise PointCloudError(
             f"surface_offset = {surface_offset}; give a length between 0 and length_scale "
             f"({length_scale:g} m), or None for the paper's field"
@@ -212,8 +207,6 @@ def check_fit(
 def directions_to_camera(cloud: Array, viewpoint: ArrayLike) -> Array:
     """Directions from the points to their cameras, (n, 3), given as such or as a position (3,)."""
     view = np.array(viewpoint, dtype=float)
-    if not np.isfinite(view).all():
-        raise PointCloudError("viewpoint holds NaN or infinity")
     if view.shape == (3,):
         return view - cloud
     if view.shape == cloud.shape:

@@ -50,29 +50,13 @@ def read_solid(path: Path, scale: float = 1.0) -> tuple[trimesh.Trimesh, tuple[s
         raise MeshError(f"{path}: scale={scale}; give a positive number such as 0.001 for mm.")
     large = path.is_file() and path.stat().st_size >= LARGE
     with tqdm(total=3, desc=f"reading {path.name}", unit="step", disable=not large) as bar:
-        mesh = _read(path)
+        mesh = read_surface(path, scale)
         bar.update()
-        mesh.apply_scale(scale)
         _check_extent(mesh, path, scale)
         bar.update()
         mesh, notes = _one_solid(mesh, path)
         bar.update()
     return mesh, notes
-
-
-def read_surface(path: Path, scale: float = 1.0) -> trimesh.Trimesh:
-    """Reads the surface of a mesh file, open or closed, of one body or several [m].
-
-    Args:
-        path: Any mesh file that trimesh reads.
-        scale: Factor from the units of the file to metres.
-
-    Raises:
-        MeshError: If the file is missing or unreadable, or has no faces or NaN.
-    """
-    mesh = _read(path)
-    mesh.apply_scale(scale)
-    return mesh
 
 
 def decimate(mesh: trimesh.Trimesh, max_faces: int) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
@@ -151,7 +135,16 @@ def _clean(vertices: Array, faces: NDArray[Any]) -> trimesh.Trimesh:
     return mesh
 
 
-def _read(path: Path) -> trimesh.Trimesh:
+def read_surface(path: Path, scale: float = 1.0) -> trimesh.Trimesh:
+    """Reads the surface of a mesh file, open or closed, of one body or several [m].
+
+    Args:
+        path: Any mesh file that trimesh reads.
+        scale: Factor from the units of the file to metres.
+
+    Raises:
+        MeshError: If the file is missing or unreadable, or has no faces or NaN.
+    """
     if not path.is_file():
         what = "a folder" if path.is_dir() else "no such file"
         raise MeshError(f"{path}: {what}; give the path of a mesh (obj, ply, stl, off, glb).")
@@ -171,6 +164,7 @@ def _read(path: Path) -> trimesh.Trimesh:
     mesh = _clean(vertices, faces)
     if not len(mesh.faces):
         raise MeshError(f"{path}: all {len(faces)} faces have no area; give a solid in its units.")
+    mesh.apply_scale(scale)
     return mesh
 
 

@@ -104,25 +104,21 @@ class Gripper(Frozen, ABC):
     def _check(self) -> None:
         name = type(self).__name__
         for key in sorted(self._LENGTHS):
-            value = getattr(self, key)
-            size = 3 if key in ("palm_size", "camera_box") else 1
-            values = value if size == 3 else (value,)
-            if len(values) != size or not all(np.isfinite(v) and 0 < v < 1 for v in values):
+            value = np.array(getattr(self, key))
+            if not ((value > 0.0) & (value < 1.0)).all():
+                what = "three lengths" if value.ndim else "a length"
                 raise GraspError(
-                    f"{name}.{key} = {value}: give "
-                    f"{'three lengths' if size == 3 else 'a length'} between 0 and 1 m (metres?)"
+                    f"{name}.{key} = {getattr(self, key)}: give {what} between 0 and 1 m (metres?)"
                 )
         for key, unit in self._POSITIVE.items():
-            if not (np.isfinite(getattr(self, key)) and getattr(self, key) > 0.0):
-                raise GraspError(
-                    f"{name}.{key} = {getattr(self, key)}: give a positive number{unit}"
-                )
+            if not (value := getattr(self, key)) > 0.0:
+                raise GraspError(f"{name}.{key} = {value}: give a positive number{unit}")
         if not -1 < self.heel < 0:
             raise GraspError(
                 f"{name}.heel = {self.heel}: it lies behind the pad centre; give a "
                 "negative z in metres"
             )
-        if len(self.camera_center) != 3 or not (np.abs(self.camera_center) < 1.0).all():
+        if not (np.abs(self.camera_center) < 1.0).all():
             raise GraspError(
                 f"{name}.camera_center = {self.camera_center}: give x, y, z in metres, "
                 "each within 1 m of the pad centre"

@@ -111,13 +111,13 @@ class Gpdf(Frozen):
         Returns:
             Shape (m,) [m].
         """
-        return kernels.values(self.tiles, self.length_scale, self.center, checked_queries(x))
+        return kernels.values(self.tiles, self.length_scale, self.center, np.asarray(x))
 
     @checked(PointCloudError)
     def distance_and_gradient(self, x: Annotated[ArrayLike, POINTS]) -> tuple[Array, Array]:
         """Raw signed distance (m,) and its gradient ``-(l / o) grad o`` (m, 3) at x (m, 3)."""
         return kernels.values_and_gradients(
-            self.tiles, self.length_scale, self.center, checked_queries(x)
+            self.tiles, self.length_scale, self.center, np.asarray(x)
         )
 
     @checked(PointCloudError)
@@ -131,7 +131,7 @@ class Gpdf(Frozen):
 
         Small near observed points, growing towards 1 away from them.
         """
-        cross = cross_covariance(self.nodes, self.length_scale, self.center, checked_queries(x))
+        cross = cross_covariance(self.nodes, self.length_scale, self.center, np.asarray(x))
         solved, _ = lapack.dtrtrs(self.cholesky, cross.T, lower=1, overwrite_b=1)
         return np.maximum(1.0 - np.einsum("ij,ij->j", solved, solved), 0.0)
 
@@ -209,7 +209,7 @@ class Gpdf(Frozen):
         return kernels.march_to_exit(
             self.tiles,
             self.length_scale,
-            checked_queries(starts) - self.center,
+            np.asarray(starts) - self.center,
             np.asarray(directions),
             start_length,
             max_length,
@@ -257,7 +257,7 @@ class Gpdf(Frozen):
 
     def _march(self, x: ArrayLike, steps: int) -> tuple[Array, Array, Array, Array]:
         marched: tuple[Array, Array, Array, Array] = kernels.refine(
-            self.tiles, self.length_scale, self.center, checked_queries(x), steps, self.damped
+            self.tiles, self.length_scale, self.center, np.asarray(x), steps, self.damped
         )
         return marched
 
@@ -266,20 +266,6 @@ def unit_normals(gradient: Array) -> Array:
     """Gradients (m, 3) of a distance scaled to unit length; zero where there is no gradient."""
     norm = np.sqrt(np.einsum("ij,ij->i", gradient, gradient))
     return gradient / np.maximum(norm, 1e-12)[:, None]
-
-
-def checked_queries(x: ArrayLike) -> Array:
-    """Query points (m, 3) as the kernels take them, not copied if they are so already.
-
-    Raises:
-        PointCloudError: If they have another shape or hold NaN or infinity.
-    """
-    points = np.ascontiguousarray(x, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise PointCloudError(f"query points have shape {points.shape}; give (m, 3)")
-    if not np.isfinite(points).all():
-        raise PointCloudError("query points hold NaN or infinity; drop those rows first")
-    return points
 
 
 # Expected error of the completed surface as a function of distance to observations.

@@ -60,7 +60,7 @@ def fit_gpdf(
     # Above this many points the cloud is thinned evenly before farthest-point selection.
     max_candidates = 2048
     cloud = checked_cloud(points)
-    check_fit(length_scale, noise_variance, surface_offset, max_points)
+    check_fit(length_scale, surface_offset, max_points)
     bounds = np.stack([cloud.min(axis=0), cloud.max(axis=0)])
     directions = None if viewpoint is None else directions_to_camera(cloud, viewpoint)
 
