@@ -10,8 +10,6 @@ to be an instance of it; a ``float`` has to be finite, an ``int`` whole. See
 `feasigrasp.models.quantities` for shapes and ranges.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import fields
 from functools import cache, wraps

@@ -1,7 +1,5 @@
 """Array types, immutable dataclasses, and values cached with the value they derive from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields
 from functools import wraps

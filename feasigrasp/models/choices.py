@@ -1,7 +1,5 @@
 """What an option may be: words, ranges of keys, names of controllers and of control modes."""
 
-from __future__ import annotations
-
 import dataclasses as dc
 import difflib
 import math

@@ -15,8 +15,6 @@ what is relaxed is called by Python alone or inlined (``forceinline``) up to wha
 tests/models/test_compiled.py watches over it. `fused` is for the rest.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Callable

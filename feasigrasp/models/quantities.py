@@ -4,8 +4,6 @@
 ``q: Annotated[ArrayLike, JOINTS]``, and ``horizon: NotNegative`` for numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf, isfinite, pi

@@ -1,7 +1,5 @@
 """Files of trained weights: ``.npz`` without pickles, with a header in JSON beside the arrays."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -96,7 +96,7 @@ class HorizonController(GraspController):
         if not np.isfinite(inputs.X_WO.sum() + inputs.V_WO.sum()):  # lost since the last update
             memory = memory.without_grasp(inputs.time)
         X_FG, q, last = self.reachability.gripper.X_FG, inputs.q, inputs.qd_last
-        grasp = memory.grasps[:1]
+        grasp = memory.near.X_OG[:1]
         moving = scheduled_obstacle(
             *(inputs.surface, q, inputs.X_WO, inputs.V_WO, X_FG, grasp, self._options.corridor),
             arm=self.reachability.arm,

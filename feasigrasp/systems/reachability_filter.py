@@ -13,11 +13,14 @@ from feasigrasp.models.choices import parse_word
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.grasps.hand_clearance import scene_clear, unobserved_clear
 from feasigrasp.models.grasps.payload import rated_by_payload
-from feasigrasp.models.objects.predicted_poses import PredictionModel
-from feasigrasp.models.objects.prediction import Motion
+from feasigrasp.models.objects.prediction import Motion, PredictionModel
 from feasigrasp.models.quantities import NotNegative, Positive
-from feasigrasp.models.reach.feasible_grasps import JudgedGrasps, feasible_grasps
-from feasigrasp.models.reach.feasible_poses import Feasibility, feasible_poses
+from feasigrasp.models.reach.feasible_grasps import (
+    Feasibility,
+    JudgedGrasps,
+    feasible_grasps,
+    feasible_poses,
+)
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import Gripper

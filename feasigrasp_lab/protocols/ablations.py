@@ -6,7 +6,7 @@ from collections.abc import Hashable, Sequence
 
 from feasigrasp.models.choices import ControlSpace
 from feasigrasp.models.grasps.samplers import SamplerName
-from feasigrasp.models.objects.predicted_poses import PredictionModel
+from feasigrasp.models.objects.prediction import PredictionModel
 from feasigrasp_lab.protocols.changes import setting, unchanged
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.results.rows import Row

@@ -11,10 +11,11 @@ import argparse
 import json
 from pathlib import Path
 
-import numpy as np
+import trimesh
 from catalogue import OBJECTS
 
-from feasigrasp.models.objects.mesh import read_solid, write_obj
+from feasigrasp.models.objects.mesh import obj_text, read_solid
+from feasigrasp.outputs import write_text
 
 HERE = Path(__file__).resolve().parent
 
@@ -25,7 +26,8 @@ def write_objects(folder: Path) -> None:
     for item in OBJECTS:
         mesh = item.make().to_mesh64()
         path = folder / f"{item.name}.obj"
-        write_obj(path, np.asarray(mesh.vert_properties), np.asarray(mesh.tri_verts, np.int64))
+        surface = trimesh.Trimesh(mesh.vert_properties, mesh.tri_verts, process=False)
+        write_text(path, obj_text(surface))
         written, notes = read_solid(path)  # what users will read, checked as they will
         if notes or not 500 <= len(written.faces) <= 3500:
             raise RuntimeError(f"{item.name}: {len(written.faces)} faces, {notes}")

@@ -1,9 +1,7 @@
 """Pinhole model of a depth camera with depth noise that grows with the square of the depth."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +9,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import CameraError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.quantities import CLOUD, ArrayOf, Count, NotNegative, Positive
 
 _PIXELS = ArrayOf(("n",), "px")
@@ -50,7 +49,7 @@ class Camera(Frozen):
             raise CameraError(f"Camera.intrinsics = {self.intrinsics}: give focal lengths above 0")
 
     @checked(CameraError)
-    def decimated(self, factor: Count) -> Camera:
+    def decimated(self, factor: Count) -> Self:
         """The camera of images of which one pixel is a square of ``factor`` pixels a side."""
         fx, fy, cx, cy = self.intrinsics
         off = 0.5 * (factor - 1)
@@ -62,7 +61,7 @@ class Camera(Frozen):
         )
 
     @checked(CameraError)
-    def cropped(self, rows: slice, columns: slice) -> Camera:
+    def cropped(self, rows: slice, columns: slice) -> Self:
         """The camera of a part of its images."""
         (top, bottom, _), (left, right, _) = rows.indices(self.height), columns.indices(self.width)
         fx, fy, cx, cy = self.intrinsics
@@ -137,3 +136,16 @@ def unproject(depth: Array, intrinsics: tuple[float, float, float, float]) -> Ar
     v, u = np.indices(depth.shape)
     with np.errstate(invalid="ignore"):  # zero times infinity
         return np.stack([(u - cx) / fx * depth, (v - cy) / fy * depth, depth])
+
+
+def looking_along(direction: Array) -> Array:
+    """A rotation whose z axis is along a direction (3,), as columns, shape (3, 3)."""
+    z = direction / max(float(np.linalg.norm(direction)), 1e-12)
+    return np.stack([*perpendiculars(z), z], axis=1)
+
+
+def projected(points: Array, p_OC: Array, R_OC: Array) -> tuple[Array, Array]:
+    """Positions (n, 2) in the plane z = 1 and depths (n,) [m] of points seen by a camera."""
+    in_camera = (points - p_OC) @ R_OC
+    depth = np.maximum(in_camera[:, 2], 1e-3)  # the camera is not inside the object
+    return in_camera[:, :2] / depth[:, None], depth

@@ -1,7 +1,5 @@
 """Requirements on a point cloud before a field is fitted to it, and removal of outliers."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
@@ -10,8 +8,7 @@ from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array, Indices, Mask
-from feasigrasp.models.clouds.camera import stereo_deviation
-from feasigrasp.models.geometry.se3 import perpendiculars
+from feasigrasp.models.clouds.camera import looking_along, projected, stereo_deviation
 
 # Removal of outliers, flying pixels and reflections from a cloud.
 #
@@ -91,11 +88,7 @@ def smeared(points: Array, p_OC: Array) -> Mask:
     neighbours, pitch_of, explained = 8, 4, 0.9
     if len(points) <= neighbours:
         return np.zeros(len(points), dtype=bool)
-    middle = points.mean(axis=0) - p_OC
-    z = middle / max(float(np.linalg.norm(middle)), 1e-12)
-    in_camera = (points - p_OC) @ np.stack([*perpendiculars(z), z], axis=1)
-    depth = np.maximum(in_camera[:, 2], 1e-3)
-    at = in_camera[:, :2] / depth[:, None]
+    at, depth = projected(points, p_OC, looking_along(points.mean(axis=0) - p_OC))
     apart, near = cKDTree(at).query(at, k=neighbours + 1)
     pitch = float(np.median(apart[:, pitch_of]))
     noise = stereo_deviation(1.0 / max(pitch, 1e-6))
@@ -117,11 +110,8 @@ def _continue_the_picture(points: Array, p_OC: Array, chosen: Indices) -> Mask:
     # Neighbours in the picture, and the multiples of their usual distance and of the spread of
     # their depths within which a point continues them.
     count_beside, most_apart, most_deeper = 12, 2.0, 3.0
-    middle = points.mean(axis=0) - p_OC
-    z = middle / max(float(np.linalg.norm(middle)), 1e-12)
-    in_camera = (points - p_OC) @ np.stack([*perpendiculars(z), z], axis=1)
-    depth = np.maximum(in_camera[:, 2], 1e-3)
-    tree = cKDTree(in_camera[:, :2] / depth[:, None])
+    at, depth = projected(points, p_OC, looking_along(points.mean(axis=0) - p_OC))
+    tree = cKDTree(at)
     k = min(count_beside + 1, len(points))
     usual = float(np.median(tree.query(tree.data[:: -(-len(points) // 200)], k=k)[0][:, -1]))
     apart, near = tree.query(tree.data[chosen], k=k)
@@ -203,14 +193,9 @@ def checked_cloud(points: ArrayLike) -> Array:
     return cloud
 
 
-def check_fit(
-    length_scale: float, noise_variance: float, surface_offset: float | None, max_points: int
-) -> None:
-    """Refuses parameters of the fit that are out of range, by name."""
-    for name, value in (("length_scale", length_scale), ("noise_variance", noise_variance)):
-        if not (np.isfinite(value) and value > 0):
-            raise PointCloudError(f"{name} = {value}; give a positive number")
-    if surface_offset is not None and not 0 < surface_offset < length_scale:
+def check_fit(length_scale: float, surface_offset: float | None, max_points: int) -> None:
+    """Refuses parameters of the fit, positive ones, that are out of range, by name."""
+    if surface_offset is not None and not surface_offset < length_scale:
         raise PointCloudError(
             f"surface_offset = {surface_offset}; give a length between 0 and length_scale "
             f"({length_scale:g} m), or None for the paper's field"
@@ -222,8 +207,6 @@ def check_fit(
 def directions_to_camera(cloud: Array, viewpoint: ArrayLike) -> Array:
     """Directions from the points to their cameras, (n, 3), given as such or as a position (3,)."""
     view = np.array(viewpoint, dtype=float)
-    if not np.isfinite(view).all():
-        raise PointCloudError("viewpoint holds NaN or infinity")
     if view.shape == (3,):
         return view - cloud
     if view.shape == cloud.shape:

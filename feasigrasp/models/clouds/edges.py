@@ -4,8 +4,6 @@ What a view shows nothing of is not all free space: depths are lost on steep and
 is too near is not measured, something may be before the object, and the picture ends.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,12 +22,7 @@ EDGE_JUMP = 0.02
 SCANTY, GROWTH = 150, 10
 
 
-def edge_pixels(
-    points: NDArray[np.floating],
-    seen: Mask,
-    of_body: Mask,
-    jump: float,
-) -> Mask:
+def edge_pixels(points: NDArray[np.floating], seen: Mask, of_body: Mask, jump: float) -> Mask:
     """Pixels with a neighbour, of the four, that shows another surface.
 
     That is one whose point is farther away than ``jump``, or one without a point that does not
@@ -45,10 +38,7 @@ def edge_pixels(
         Shape (h, w).
     """
     edge = np.zeros(seen.shape, dtype=bool)
-    for one, next_ in (
-        (np.s_[:-1, :], np.s_[1:, :]),
-        (np.s_[:, :-1], np.s_[:, 1:]),
-    ):
+    for one, next_ in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
         with np.errstate(invalid="ignore"):  # infinity minus infinity, where nothing was measured
             square = np.square(points[:, *next_] - points[:, *one]).sum(axis=0)
         apart = seen[one] & seen[next_] & (square > jump**2)
@@ -116,11 +106,10 @@ class Outline(Frozen):
     whole: bool = True
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
-        for name in ("unmeasured", "hidden"):
-            self._freeze(**{name: np.array(getattr(self, name), dtype=float).reshape(-1, 3)})
+        unmeasured, hidden = np.array(self.unmeasured, float), np.array(self.hidden, float)
+        self._freeze(unmeasured=unmeasured.reshape(-1, 3), hidden=hidden.reshape(-1, 3))
 
-    def turned(self, R: Array) -> Outline:
+    def turned(self, R: Array) -> "Outline":
         """The outline in other axes, after a rotation R (3, 3)."""
         return Outline(self.unmeasured @ R.T, self.hidden @ R.T, self.whole)
 
@@ -141,13 +130,11 @@ def outline(
     Returns:
         In the camera's axes, z forward.
     """
-    # The neighbours of a point are pixels at an edge, which silhouettes allow for.
-    # A pixel and its eight neighbours. Source: layout.
+    # The eight neighbours of a point are pixels at an edge, which silhouettes allow for.
+    lost = of_body & ~binary_dilation(kept, np.ones((3, 3), dtype=bool))
     unmeasured, hidden = (
         camera.rays(columns + corner[1], rows + corner[0])
-        for rows, columns in map(
-            np.nonzero, (of_body & ~binary_dilation(kept, np.ones((3, 3), dtype=bool)), hiding)
-        )
+        for rows, columns in map(np.nonzero, (lost, hiding))
     )
     # A silhouette of whose rim the picture's border is a larger share is not whole. Source:
     # guessed.

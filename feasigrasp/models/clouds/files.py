@@ -1,7 +1,5 @@
 """Reads point clouds from files and rejects implausible ones."""
 
-from __future__ import annotations
-
 import io
 import re
 import warnings

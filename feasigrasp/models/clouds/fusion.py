@@ -59,7 +59,6 @@ class FusedCloud(Frozen):
     images: tuple[ViewImage, ...] = ()
 
     def __post_init__(self) -> None:
-        """Checks and freezes the arrays."""
         check_fields(self, PointCloudError)
         for name in ("normals", "weights"):
             if len(getattr(self, name)) not in (0, len(self.points)):

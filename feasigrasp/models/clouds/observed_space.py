@@ -10,9 +10,8 @@ A truncated distance field, as libraries have it, keeps voxels near surfaces alo
 is the free space in between, on the lattice on which distances to obstacles are kept anyway.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,7 +45,7 @@ class DepthView(Frozen):
     pinhole: tuple[float, float, float, float]
 
     @classmethod
-    def of_cloud(cls, points: NDArray[np.floating], X_WC: ArrayLike) -> DepthView | None:
+    def of_cloud(cls, points: NDArray[np.floating], X_WC: ArrayLike) -> Self | None:
         """The view that a pixel-ordered cloud shows; None if too few of its pixels have a point.
 
         The intrinsics are those that map its points to its pixels.
@@ -116,16 +115,15 @@ class ObservedSpace(Frozen):
     voxel_size: float = SCENE_VOXEL
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
         self._freeze(free=self.free, low=np.array(self.low, dtype=float))
 
     @classmethod
-    def unknown(cls, low: Array, size: Array, voxel_size: float = SCENE_VOXEL) -> ObservedSpace:
+    def unknown(cls, low: Array, size: Array, voxel_size: float = SCENE_VOXEL) -> Self:
         """An unobserved box from ``low`` (3,) on, ``size`` (3,) large [m]."""
         shape = tuple((np.ceil(np.asarray(size) / voxel_size).astype(int) + 1).tolist())
         return cls(np.zeros(shape, dtype=bool), low, voxel_size)
 
-    def seen(self, view: DepthView, surroundings: Array) -> ObservedSpace:
+    def seen(self, view: DepthView, surroundings: Array) -> Self:
         """With one more view.
 
         Args:
@@ -145,9 +143,9 @@ class ObservedSpace(Frozen):
             self.low, self.voxel_size, view.X_WC, view.pinhole, view.depth,
             0.5 * np.sqrt(3.0) * self.voxel_size, free,
         )  # fmt: skip
-        return ObservedSpace(free, self.low, self.voxel_size)
+        return replace(self, free=free)
 
-    def occupied_by(self, center: Array, radius: Array) -> ObservedSpace:
+    def occupied_by(self, center: Array, radius: Array) -> Self:
         """With the space inside balls, of the arm itself, which is free of anything else.
 
         Args:
@@ -156,7 +154,7 @@ class ObservedSpace(Frozen):
         """
         free = self.free.copy()
         _balls_kernel(np.ascontiguousarray(center), radius, self.low, self.voxel_size, free)
-        return ObservedSpace(free, self.low, self.voxel_size)
+        return replace(self, free=free)
 
     def hidden(self, points: Array, directions: Array) -> Array:
         """Centers of unobserved voxels that may belong to observed surfaces.

@@ -6,8 +6,6 @@ would round off what is curved), with far neighbours and outliers weighing less.
 view, the more neighbours.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -152,13 +150,7 @@ def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array, Arr
 
 @compiled
 def _fit_patches(
-    cloud: Array,
-    at: Array,
-    p_OC: Array,
-    near: Indices,
-    distance: Array,
-    radius: float,
-    most: float,
+    cloud: Array, at: Array, p_OC: Array, near: Indices, distance: Array, radius: float, most: float
 ) -> tuple[Array, Array, Array]:
     """Smoothed points, normals, and how far the neighbours are from the patches."""
     m, k = near.shape

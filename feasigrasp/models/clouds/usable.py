@@ -1,7 +1,5 @@
 """Selection of views: their usable points, and what another view would add."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -29,10 +27,9 @@ class ViewRecord(Frozen):
     times: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
         self._freeze(p_OC=np.array(self.p_OC, dtype=float), times=np.array(self.times, dtype=float))
 
-    def extended(self, p_OC: ArrayLike, time: float) -> ViewRecord:
+    def extended(self, p_OC: ArrayLike, time: float) -> "ViewRecord":
         """With one more view."""
         return ViewRecord(np.vstack([self.p_OC, p_OC]), np.append(self.times, time))
 

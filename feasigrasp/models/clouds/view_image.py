@@ -17,10 +17,10 @@ from scipy.ndimage import binary_dilation, convolve, distance_transform_edt, gau
 from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import Array, Indices, Mask
+from feasigrasp.models.clouds.camera import looking_along, projected
 from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.points import farthest_points
-from feasigrasp.models.geometry.se3 import perpendiculars
 
 #: The points of a view miss the true edge by about this many pixels of the camera: edge pixels are
 #: dropped, and so are pixels at a grazing angle. Source: guessed.
@@ -223,13 +223,13 @@ def view_image(points: Array, p_OC: Array, outline: Outline | None = None) -> Vi
         p_OC: Position of the camera, shape (3,) [m].
         outline: Where the object may go on, in O; nowhere if not given.
     """
-    R = _looking_along(points.mean(axis=0) - p_OC)
+    R = looking_along(points.mean(axis=0) - p_OC)
     unmeasured = np.zeros((0, 3)) if outline is None else outline.unmeasured
     # Turned once more, onto the center of what is visible.
-    seen = np.concatenate([_projected(points, p_OC, R)[0], _in_picture(unmeasured, R)])
+    seen = np.concatenate([projected(points, p_OC, R)[0], _in_picture(unmeasured, R)])
     middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
-    R = _looking_along(R @ np.append(middle, 1.0))
-    at, depth_of = _projected(points, p_OC, R)
+    R = looking_along(R @ np.append(middle, 1.0))
+    at, depth_of = projected(points, p_OC, R)
     lost = _in_picture(unmeasured, R)
     pixel = 2.0 * float(max(np.abs(at).max(), np.abs(lost).max(initial=0.0))) / (SIDE - 2 * MARGIN)
     pixel = max(pixel, 1e-6)
@@ -314,16 +314,3 @@ def _outlined(image: ViewImage, outline: Outline) -> ViewImage:
     if image.pitch > 0.7 * image.pixel:  # lines of sight miss pixels between them
         unclear = binary_dilation(unclear, _AROUND)
     return replace(image, unclear=unclear, ends=outline.whole)
-
-
-def _looking_along(direction: Array) -> Array:
-    """A rotation whose z axis is along a direction, as columns, shape (3, 3)."""
-    z = direction / np.linalg.norm(direction)
-    return np.stack([*perpendiculars(z), z], axis=1)
-
-
-def _projected(points: Array, p_OC: Array, R: Array) -> tuple[Array, Array]:
-    """Positions (n, 2) in the plane z = 1 and depths (n,) [m] of points seen by a camera."""
-    in_camera = (points - p_OC) @ R
-    depth = np.maximum(in_camera[:, 2], 1e-3)  # the camera is not inside the object
-    return in_camera[:, :2] / depth[:, None], depth

@@ -1,7 +1,5 @@
 """Status of a run: the activity of the arm, or the reason for standing still."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -114,10 +112,7 @@ class Situation:
 
 
 #: Verdicts on grasps by which the object's place shows.
-_PLACES = {
-    Verdict.WRIST: StatusCode.OUT_OF_REACH,
-    Verdict.TABLE: StatusCode.BLOCKED_BY_TABLE,
-}
+_PLACES = {Verdict.WRIST: StatusCode.OUT_OF_REACH, Verdict.TABLE: StatusCode.BLOCKED_BY_TABLE}
 _PHASES = {
     Phase.CLOSE: StatusCode.CLOSING,
     Phase.LIFT: StatusCode.LIFTING,

@@ -1,7 +1,5 @@
 """Signed distances on a regular grid, with trilinear interpolation and its gradient."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -28,10 +26,9 @@ class ObstacleGrid(Frozen):
 
     values: Annotated[NDArray[np.float32], ArrayOf(("x", "y", "z"), "m", dtype=np.float32)]
     frame: Annotated[Array, ArrayOf((5,), "m")]
-    seen: ObstacleGrid | None = None
+    seen: "ObstacleGrid | None" = None
 
     def __post_init__(self) -> None:
-        """Checks and freezes the arrays."""
         check_fields(self, ControlError)
         self._freeze(values=self.values, frame=self.frame)
 
@@ -66,7 +63,6 @@ class MovingObject:
     misaligned: bool = False
 
     def __post_init__(self) -> None:
-        """Checks what it is made of."""
         check_fields(self, ControlError)
 
 

@@ -1,7 +1,5 @@
 """Model-free grasp sampler: contact pairs on the completed surface along the inward normal."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -47,7 +45,6 @@ class AntipodalSampler:
     seed: Whole = 0
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         check_fields(self, GraspError)
 
     @checked(GraspError)
@@ -69,8 +66,7 @@ class AntipodalSampler:
         rng = np.random.default_rng(self.seed)
         n_pairs = -(-self.n_candidates // self.n_approaches)
         surface = gpdf.completion
-        # A few times as many rays as pairs leave a choice; more only cost time.
-        # Rays sent through the object per contact pair that is wanted.
+        # So many times as many rays as pairs leave a choice; more only cost time.
         stride = max(1, len(surface.points) // (5 * n_pairs))
         first, b = surface.points[::stride], -surface.normals[::stride]
         widest = self.gripper.max_opening - 2 * MARGIN

@@ -5,8 +5,6 @@ grasp pose pulled back along its approach direction, by an amount that shrinks w
 angular error: the hand lines up first and slides in once it is lined up.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +39,7 @@ class ApproachCorridor(NamedTuple):
     min_standoff: float = 0.0
 
     @property
-    def parameters(self) -> ApproachCorridor:
+    def parameters(self) -> "ApproachCorridor":
         """The shape in floats: integers would compile the kernels anew."""
         return ApproachCorridor(*map(float, self))
 

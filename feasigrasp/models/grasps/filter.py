@@ -7,19 +7,17 @@ translation in that look-up. Beyond the paper, the margin of the hand grows with
 the surface beside it, and what is left is scored by the probability that it is a true grasp.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull, QhullError
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Indices, Mask
-from feasigrasp.models.grasps.convex_width import is_wider
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.grasps.hand_clearance import MARGIN, THIN_WALL, hand_freedom
 from feasigrasp.models.grasps.success_probability import (
@@ -30,7 +28,7 @@ from feasigrasp.models.grasps.success_probability import (
     odds,
     probability,
 )
-from feasigrasp.models.quantities import POSES, ArrayOf, Whole
+from feasigrasp.models.quantities import CLOUD, POSES, ArrayOf, Positive, Whole
 from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.shape.gpdf import unit_normals
 from feasigrasp.models.shape.gpdf_fit import Gpdf
@@ -96,7 +94,9 @@ def filter_grasps(
     candidates = GraspSet(poses, np.asarray(width), learned[:, 0], {}, numbers)
     if table is None and gpdf.table is not None:
         table = gpdf.table * [1.0, 1.0, 1.0, -1.0]
-    plane = None if table is None else _checked_plane(table)
+    plane = None if table is None else np.asarray(table)
+    if plane is not None and not abs(np.linalg.norm(plane[:3]) - 1.0) < 1e-6:
+        raise GraspError(f"table = {plane}; give a unit normal and an offset in metres, shape (4,)")
     if len(candidates) == 0:
         return candidates
 
@@ -142,8 +142,7 @@ def filter_grasps(
         joint = probability(JOINT_CONTACT, of_network, odds(contact))
         contact = np.where(candidates.width < THIN_WALL, in_thin_wall, joint)
     score = contact * certain
-    ranked = replace(candidates, score=score)
-    return ranked.select(np.argsort(-score, kind="stable"))
+    return replace(candidates, score=score).select(np.argsort(-score, kind="stable"))
 
 
 def contacts(grasps: GraspSet) -> tuple[Array, Array]:
@@ -212,13 +211,6 @@ def above_table(X_OG: Array, plane: Array, gripper: Gripper) -> Mask:
     return np.asarray(height.min(axis=1) + X_OG[:, :3, 3] @ plane[:3] - plane[3] >= MARGIN)
 
 
-def _checked_plane(table: ArrayLike) -> Array:
-    plane = np.asarray(table)
-    if not abs(np.linalg.norm(plane[:3]) - 1.0) < 1e-6:
-        raise GraspError(f"table = {plane}; give a unit normal and an offset in metres, shape (4,)")
-    return plane
-
-
 def _contact_state(gpdf: Gpdf, grasps: GraspSet) -> tuple[Array, Array]:
     """How far both contacts are off the surface, shape (2, n) [m], and `contact_cosine`, (n,)."""
     both = np.concatenate(contacts(grasps))
@@ -243,3 +235,34 @@ def _holding(gpdf: Gpdf, pairs: GraspSet) -> Mask:
         left = np.flatnonzero(~holding)
         holding[left] = gpdf.distance(middle[left] + along[left, None] * b[left]) < 0.0
     return holding
+
+
+@checked(GraspError)
+def is_wider(
+    points: Annotated[Array, CLOUD], normals: Annotated[Array, CLOUD], opening: Positive
+) -> bool:
+    """Whether observed surface is convex, and wider than a hand's opening in every direction.
+
+    Then no view of the rest makes it narrower. A bowl or a mug that is seen from above is not. The
+    width of a hull, the least distance between two parallel planes with all points between, is
+    taken over the planes of its faces (Houle & Toussaint, "Computing the width of a set", IEEE PAMI
+    1988, where pairs of edges count, too: those are hardly closer here).
+
+    Args:
+        points: Of the observed surface, shape (n, 3) [m].
+        normals: Outward unit normals there, shape (n, 3).
+        opening: Of the hand [m].
+    """
+    most, off, share = 300, 5e-3, 0.97  # points; [m] below the hull, of so many of them
+    points, normals = (each[:: 1 + len(each) // most] for each in (points, normals))
+    if len(points) < 20 or (np.ptp(points, axis=0) <= opening).any():
+        return False
+    try:
+        planes = ConvexHull(points).equations
+    except QhullError:
+        return False
+    depth = -(points @ planes[:, :3].T + planes[:, 3])
+    # On a face that looks where the surface does: the inside of a bowl is on its hull, too.
+    outside = (depth <= off) & (normals @ planes[:, :3].T > 0.5)
+    convex = np.mean(outside.any(axis=1)) >= share
+    return bool(convex and depth.max(axis=0).min() > opening)

@@ -1,7 +1,5 @@
 """Meshes for grasps and surface points in visualizations."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -17,21 +15,17 @@ _QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), 
 _FACES = np.array([f for a, b, c, d in _QUADS for f in ((a, b, c), (a, c, d))])
 
 
-def gripper_glyph(gripper: Gripper, thickness: float = 0.003) -> tuple[Array, Indices]:
+def gripper_glyph(gripper: Gripper) -> tuple[Array, Indices]:
     """A fork in the grasp frame G: two open fingers, the bar that joins them, and a stem.
 
     The inner faces of the fingers are ``max_opening`` apart, as the pads are when the hand comes;
     the fingers end at ``tip`` and the bar lies at ``heel``, so the fork stands where the hand
     would. The stem points from where the hand comes: against the approach direction z.
 
-    Args:
-        gripper: The gripper to stand for.
-        thickness: Edge length of the rods' square section [m].
-
     Returns:
         Vertices, shape (32, 3) [m], and triangles that index them, shape (48, 3).
     """
-    t = thickness / 2
+    t = 0.0015  # half the edge of the rods' square section [m]
     x = gripper.max_opening / 2 + t
     length, middle = (gripper.tip - gripper.heel) / 2, (gripper.tip + gripper.heel) / 2
     stem = 0.5 * (gripper.tip - gripper.heel)

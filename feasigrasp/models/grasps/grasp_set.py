@@ -1,12 +1,10 @@
 """A set of grasps of one object, in the object frame."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,39 +72,31 @@ class GraspSet(Frozen):
     width: Annotated[Array, ArrayOf(("n",), "m")]
     score: Annotated[Array, ArrayOf(("n",))]
     rejected: Mapping[str, Whole] = field(default_factory=dict)
-    id: Annotated[Indices, ArrayOf(("k",), dtype=np.int64)] = field(
-        default_factory=lambda: np.zeros(0, dtype=np.int64)
-    )
+    id: Annotated[Indices, _NUMBERS] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     load: Load | None = None
     payload_score: Annotated[Array, ArrayOf(("n",))] | None = None
     on_object: Annotated[Indices, _NUMBERS_OF_ALL] | None = None
 
     def __post_init__(self) -> None:
-        """Freezes the arrays and checks that they agree."""
         if np.ndim(self.X_OG) == 2:  # one grasp
             object.__setattr__(self, "X_OG", np.asarray(self.X_OG)[None])
             for name in ("width", "score"):
                 object.__setattr__(self, name, np.atleast_1d(getattr(self, name)))
         check_fields(self, GraspError)
-        X_OG, width, score = self.X_OG.copy(), self.width.copy(), self.score.copy()
-        id_ = self.id.copy()
-        if len(id_) == 0:
-            id_ = np.full(len(width), UNKNOWN, dtype=np.int64)
-        if len(id_) != len(width):
+        arrays = {k: v.copy() for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+        if len(self.id) == 0:
+            arrays["id"] = np.full(len(self), UNKNOWN, dtype=np.int64)
+        elif len(self.id) != len(self):
             raise GraspError(
-                f"GraspSet: {len(width)} grasps and {len(id_)} numbers in id; give one each."
+                f"GraspSet: {len(self)} grasps and {len(self.id)} numbers in id; give one each."
             )
-        self._freeze(X_OG=X_OG, width=width, score=score, id=id_)
-        if self.payload_score is not None:
-            self._freeze(payload_score=self.payload_score.copy())
-        if self.on_object is not None:
-            self._freeze(on_object=self.on_object.copy())
+        self._freeze(**arrays)
         words = {str(reason): count for reason, count in self.rejected.items()}
         object.__setattr__(self, "rejected", MappingProxyType(words))
 
     @classmethod
     @checked(GraspError)
-    def empty(cls, rejected: Mapping[str, Whole] | None = None) -> GraspSet:
+    def empty(cls, rejected: Mapping[str, Whole] | None = None) -> Self:
         """A set without grasps."""
         return cls(np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0), rejected or {})
 
@@ -115,7 +105,7 @@ class GraspSet(Frozen):
         return len(self.width)
 
     @checked(GraspError)
-    def select(self, keep: NDArray[Any] | Sequence[int], reason: str | None = None) -> GraspSet:
+    def select(self, keep: NDArray[Any] | Sequence[int], reason: str | None = None) -> Self:
         """The grasps that ``keep`` (mask or indices) names; the others counted under ``reason``."""
         keep = np.asarray(keep) if len(keep) else np.zeros(0, dtype=int)
         is_mask = keep.dtype == bool and keep.shape == self.width.shape
@@ -133,7 +123,7 @@ class GraspSet(Frozen):
         return chosen if reason is None else chosen.counted({reason: max(dropped, 0)})
 
     @checked(GraspError)
-    def counted(self, dropped: Mapping[str, Whole]) -> GraspSet:
+    def counted(self, dropped: Mapping[str, Whole]) -> Self:
         """The grasps with further candidates counted as rejected, by reason."""
         counts = dict(self.rejected)
         for reason, number in dropped.items():
@@ -141,20 +131,22 @@ class GraspSet(Frozen):
                 counts[reason] = counts.get(reason, 0) + number
         return replace(self, rejected=counts)
 
-    def with_symmetric(self) -> GraspSet:
+    def with_symmetric(self) -> Self:
         """Adds the 180-degree flip about z of every grasp: the same grasp, another hand pose."""
         return self.joined(replace(self, X_OG=self.X_OG @ FLIP))
 
     @checked(GraspError)
-    def joined(self, other: GraspSet) -> GraspSet:
+    def joined(self, other: "GraspSet") -> Self:
         """This set and another one behind it; what was rejected is that of this one."""
-        pairs = ((getattr(self, n), getattr(other, n)) for n in ("X_OG", "width", "score", "id"))
-        X_OG, width, score, id_ = (np.concatenate(pair) for pair in pairs)
+        names = ("X_OG", "width", "score", "id")
+        parts: dict[str, Any] = {
+            n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in names
+        }
         load = self.load.joined(other.load) if self.load and other.load else None
         payload_score = None
         if self.payload_score is not None and other.payload_score is not None:
             payload_score = np.concatenate([self.payload_score, other.payload_score])
-        return GraspSet(X_OG, width, score, self.rejected, id_, load, payload_score, self.on_object)
+        return replace(self, **parts, load=load, payload_score=payload_score)
 
 
 #: Any grasp sampler, model-free or learned: a distance field in, filtered grasps out.

@@ -1,7 +1,5 @@
 """Clearance of the open hand from a completed surface, with its probability."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
@@ -72,11 +70,7 @@ HOPEFUL = 0.5
 
 
 def hand_freedom(
-    gpdf: Gpdf,
-    grasps: GraspSet,
-    learned: Array,
-    gripper: Gripper,
-    enough: int,
+    gpdf: Gpdf, grasps: GraspSet, learned: Array, gripper: Gripper, enough: int
 ) -> tuple[Mask, Array]:
     """Mask of collision-free open hands, with probabilities.
 

@@ -1,7 +1,5 @@
 """Learned grasp sampler: proposals of the equivariant network, filtered by the distance field."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated
@@ -77,7 +75,6 @@ class NetworkSampler:
     top_up: bool = True
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         check_fields(self, GraspError)
 
     @checked(GraspError)
@@ -148,11 +145,7 @@ def _choose(contact: Array, points: NDArray[np.float32], count: int) -> NDArray[
 
 
 def _settled_width(
-    gpdf: Gpdf,
-    first: Array,
-    proposals: GraspProposals,
-    chosen: NDArray[np.intp],
-    opening: float,
+    gpdf: Gpdf, first: Array, proposals: GraspProposals, chosen: NDArray[np.intp], opening: float
 ) -> Array:
     """Widths that end on the field's far side where network and field agree about it [m]."""
     # The far side is taken from the field if it is this near to the predicted width: in standard

@@ -1,7 +1,5 @@
 """Near copies of grasps: non-maximum suppression, data association between fields."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -134,8 +132,7 @@ class GraspHistory(Frozen):
         gpdf: Gpdf,
         found: GraspSet,
         recheck: Callable[[Gpdf, GraspSet], GraspSet] | None = None,
-        count: int | None = None,
-    ) -> GraspHistory:
+    ) -> "GraspHistory":
         """The history after one more field.
 
         Args:
@@ -143,14 +140,13 @@ class GraspHistory(Frozen):
             found: The grasps sampled from it, best first.
             recheck: Which of the old grasps are still good on the new field, rescored; ids as
                 before. Without it none is kept, and the new ones are given the ids of the old.
-            count: Most grasps kept; as many as were found or were there before by default.
 
         Returns:
             Old grasps that are still good, as they were, unless a clearly better one is beside
-            them, and what was found besides; best first.
+            them, and what was found besides; best first, as many as the larger of both sets.
         """
         old = self.grasps
-        count = max(len(old), len(found)) if count is None else count
+        count = max(len(old), len(found))
         if count == 0:
             return GraspHistory(gpdf, found, self.next_id)
         ids = np.full(len(found), -1, dtype=np.int64)
@@ -203,15 +199,10 @@ def recheck_grasps(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Gr
     """
     thin = grasps.width < THIN_WALL
     thick, walls = grasps.select(~thin), grasps.select(thin)
-    known = np.sqrt(walls.score)
+    known = np.repeat(np.sqrt(walls.score)[:, None], 2, axis=1)
     passed = (
         (thick, filter_grasps(gpdf, thick.X_OG, thick.width, gripper)),
-        (
-            walls,
-            filter_grasps(
-                gpdf, walls.X_OG, walls.width, gripper, prior=np.column_stack([known, known])
-            ),
-        ),
+        (walls, filter_grasps(gpdf, walls.X_OG, walls.width, gripper, prior=known)),
     )
     first, second = (replace(good, id=old.id[good.id]) for old, good in passed)
     both = first.joined(second)

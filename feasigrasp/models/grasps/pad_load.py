@@ -5,8 +5,6 @@ of the pads resists (`feasigrasp.models.grasps.payload`). About the other two ax
 where they press: on small patches, such as a hammer's head between the pads, that is not much more.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
@@ -47,7 +45,6 @@ class MassEstimate(Frozen):
     centre_error: float
 
     def __post_init__(self) -> None:
-        """Freezes the array."""
         self._freeze(p_OC=np.array(self.p_OC, dtype=float).reshape(3))
 
 
@@ -73,15 +70,10 @@ def estimate_mass(gpdf: Gpdf, mass: float | None = None) -> MassEstimate:
     gyration = float(np.sqrt(((filled - centre) ** 2).sum(axis=1).mean()))
     volume = max(1, int(np.count_nonzero(inside))) * float(np.prod(step))
     typical = TYPICAL_MASS * (volume / TYPICAL_VOLUME) ** (2.0 / 3.0)
-    # The same of a mass that somebody has weighed.
-    # Standard deviation of the centre of mass along each axis, per radius of gyration of the
-    # volume.
-    return MassEstimate(
-        mass=typical if mass is None else mass,
-        spread=MASS_SPREAD if mass is None else 0.05,
-        p_OC=centre,
-        centre_error=0.2 * gyration,
-    )
+    # The deviation of the centre of mass is a share of the radius of gyration of the volume.
+    if mass is None:
+        return MassEstimate(typical, MASS_SPREAD, centre, 0.2 * gyration)
+    return MassEstimate(mass, 0.05, centre, 0.2 * gyration)  # somebody has weighed it
 
 
 #: Of gravity, and what comes on top in any direction when the hand lifts and shakes [m/s^2].
@@ -120,7 +112,6 @@ class Load(Frozen, ABC):
     _per_grasp: ClassVar[tuple[str, ...]] = ("R_OG", "lever")
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
         self._freeze(**{k: np.array(getattr(self, k), dtype=float) for k in self._per_grasp})
 
     def select(self, keep: NDArray[np.generic]) -> Self:
@@ -128,7 +119,7 @@ class Load(Frozen, ABC):
         parts: dict[str, Any] = {k: getattr(self, k)[keep] for k in self._per_grasp}
         return replace(self, **parts)
 
-    def joined(self, other: Load) -> Self:
+    def joined(self, other: "Load") -> Self:
         """Concatenation of two loads of the same object."""
         pairs = {k: (getattr(self, k), getattr(other, k)) for k in self._per_grasp}
         parts: dict[str, Any] = {k: np.concatenate(pair) for k, pair in pairs.items()}

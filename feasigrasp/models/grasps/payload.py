@@ -1,14 +1,13 @@
 """Payload filter: grasp wrench capacity of soft pads (Howe and Cutkosky 1996)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.pad_load import Load, PadLoad, estimate_mass
 from feasigrasp.models.grasps.seal import CupLoad
@@ -27,8 +26,7 @@ from feasigrasp.models.shape.gpdf import Gpdf
 # dA``, with the distance s from the axis, is about what that brings before the patch opens.
 
 
-@dataclass(frozen=True, eq=False)
-class Grip(Frozen):
+class Grip(NamedTuple):
     """Grasp wrench capacity of n grasps.
 
     Attributes:
@@ -42,10 +40,6 @@ class Grip(Frozen):
     force: float
     moment: Array
     p_OP: Array
-
-    def __post_init__(self) -> None:
-        """Freezes the arrays."""
-        self._freeze(moment=self.moment, p_OP=self.p_OP)
 
 
 def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Grip:
@@ -157,7 +151,6 @@ class PayloadModel:
     mass: float | None = None
 
     def __post_init__(self) -> None:
-        """Checks the mass."""
         if self.mass is not None and not 0.0 < self.mass < np.inf:
             raise GraspError(f"mass = {self.mass}: give kilograms, or None if it is not known")
 

@@ -1,7 +1,5 @@
 """Perception of one cloud: completed surface, grasps, and reasons of rejection."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -46,7 +44,6 @@ class Perception:
     down: Annotated[Array, POINT] | None = None
 
     def __post_init__(self) -> None:
-        """Checks what it is made of."""
         check_fields(self, GraspError)
 
 

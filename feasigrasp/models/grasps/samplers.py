@@ -1,7 +1,5 @@
 """The grasp samplers by name, for scenarios and commands."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -125,29 +123,23 @@ def make_sampler(
     chosen = parse_word(sampler_names(), name, "sampler", GraspError)
     gripper = gripper or ParallelGripper()
     least = LEAST_SCORE if least_score is None else least_score
+    counts = {"n_candidates": n_candidates, "n_grasps": n_grasps}
+    sampler: Proposer
     if isinstance(gripper, SuctionCup):
-        suction = SuctionSampler(gripper, 2 * n_candidates, n_grasps, least)
-        return suction if filtered else Unfiltered(suction)
+        sampler = SuctionSampler(gripper, 2 * n_candidates, n_grasps, least)
+        return sampler if filtered else Unfiltered(sampler)
     assert isinstance(gripper, ParallelGripper)
     if chosen in plugins("samplers"):
         make = load_plugin("samplers", chosen)
-        counts = {"n_candidates": n_candidates, "n_grasps": n_grasps}
-        added: Proposer = make(gripper, **counts, least_score=least, seed=seed)
-        return added if filtered else Unfiltered(added)
-    if chosen == SamplerName.ANTIPODAL:
-        antipodal = AntipodalSampler(
+        sampler = make(gripper, **counts, least_score=least, seed=seed)
+    elif chosen == SamplerName.ANTIPODAL:
+        sampler = AntipodalSampler(gripper, **counts, least_score=least, seed=seed)
+    else:
+        sampler = NetworkSampler(
             gripper,
-            n_candidates=n_candidates,
+            load_grasp_network(),
+            n_contacts=max(1, n_candidates // NetworkSampler.n_approaches),
             n_grasps=n_grasps,
-            least_score=least,
-            seed=seed,
+            least_score=NetworkSampler.least_score if least_score is None else least_score,
         )
-        return antipodal if filtered else Unfiltered(antipodal)
-    network = NetworkSampler(
-        gripper,
-        load_grasp_network(),
-        n_contacts=max(1, n_candidates // NetworkSampler.n_approaches),
-        n_grasps=n_grasps,
-        least_score=NetworkSampler.least_score if least_score is None else least_score,
-    )
-    return network if filtered else Unfiltered(network)
+    return sampler if filtered else Unfiltered(sampler)

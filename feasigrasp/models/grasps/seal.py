@@ -12,8 +12,6 @@ the ellipsoid around that pyramid, and bending what opens one side of the ring, 
 ``(f_N + 2 m_t cos(a) / r) / (2 pi r)``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -169,8 +169,10 @@ class GraspState(Frozen):
             return replace(self, near_since=float("nan"))
         match self.phase:
             case Phase.APPROACH if config.close:
-                X_OH = se3.inverse(X_WO) @ X_WH
-                return self._approach(t, X_OH, X_WO, V_WO, grasps, config, path)
+                state = self._approach(t, se3.inverse(X_WO) @ X_WH, grasps, config)
+                if state.phase == Phase.CLOSE:
+                    state = replace(state, X_WO=X_WO, V_WO=V_WO, path=path)
+                return state
             case Phase.CLOSE:
                 return self._close(t, np.asarray(fingers), config)
             case Phase.LIFT if elapsed >= config.lift_time - 1e-9:
@@ -183,14 +185,7 @@ class GraspState(Frozen):
         return self
 
     def _approach(
-        self,
-        t: float,
-        X_OH: Array,
-        X_WO: Array,
-        V_WO: Array,
-        grasps: GraspSet,
-        config: GraspSequenceConfig,
-        path: Path | None,
+        self, t: float, X_OH: Array, grasps: GraspSet, config: GraspSequenceConfig
     ) -> "GraspState":
         if len(grasps) == 0:
             return replace(self, near_since=float("nan"))
@@ -200,8 +195,7 @@ class GraspState(Frozen):
         near_since = t if np.isnan(self.near_since) else self.near_since
         if t - near_since < config.dwell - 1e-9:
             return replace(self, near_since=near_since)
-        committed = grasps.select(np.array([nearest]))
-        return GraspState(Phase.CLOSE, t, grasp=committed, X_WO=X_WO, V_WO=V_WO, path=path)
+        return GraspState(Phase.CLOSE, t, grasp=grasps.select(np.array([nearest])))
 
     def _close(self, t: float, fingers: Array, config: GraspSequenceConfig) -> "GraspState":
         opening, rate = fingers

@@ -7,8 +7,6 @@ no training and no evaluation uses, by ``feasigrasp fit certainty``. Their produ
 says how much is left to chance.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from feasigrasp.models.arrays import Array

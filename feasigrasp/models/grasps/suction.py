@@ -1,7 +1,5 @@
 """Suction sampler: places of a completed surface that a cup closes on (Mahler et al. 2018)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -113,7 +111,6 @@ class SuctionSampler:
     n_turns: Count = 4
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         check_fields(self, GraspError)
 
     @checked(GraspError)

@@ -7,8 +7,6 @@ the closed form gives its configuration at a redundancy anew, exact, and it move
 object and redundancy do. Of an arm without one, least squares take its place.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from feasigrasp.models.compiled import compiled

@@ -272,9 +272,7 @@ def _closed_form_batch(chain, X_WF, psi, out):
 
 @checked()
 def closed_form(
-    X_WF: Annotated[ArrayLike, ANY_POSES],
-    psi: Annotated[ArrayLike, _ANGLES],
-    arm: Arm = IIWA_7,
+    X_WF: Annotated[ArrayLike, ANY_POSES], psi: Annotated[ArrayLike, _ANGLES], arm: Arm = IIWA_7
 ) -> Array:
     """All configurations that reach flange poses with given arm angles, limits not considered.
 

@@ -5,8 +5,6 @@ scalar calls and keep the whole loop around them scalar. The functions below are
 without branches.
 """
 
-from __future__ import annotations
-
 from math import factorial
 from typing import Any
 

@@ -1,10 +1,9 @@
 """Visible bodies without contact: the carrier of the object, and a distractor."""
 
-from __future__ import annotations
-
 from colorsys import hsv_to_rgb
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Self
 
 import numpy as np
 import trimesh
@@ -55,7 +54,7 @@ def carrier_mesh(kind: CarrierKind, surface_C: trimesh.Trimesh) -> trimesh.Trime
 def _hand(points: Array) -> list[tuple[Array, Array]]:
     """Thumb, two fingers, palm and forearm as lower and upper corners [m]."""
     # Palm: thickness, least width, height. Forearm: length, width and height [m].
-    palm, forearm = (0.03, 0.08, 0.09), (0.30, 0.06, 0.06)
+    palm, (length, across) = (0.03, 0.08, 0.09), (0.30, 0.06)
     # The distance between the middles of two fingers side by side [m].
     beside = 0.022
     # A finger: thickness across the object, width, and how far the palm is behind the object [m].
@@ -68,32 +67,21 @@ def _hand(points: Array) -> list[tuple[Array, Array]]:
     height = float(np.median(held[:, 2]))
     level = held[np.abs(held[:, 2] - height) <= beside]
     low, high = level[:, 1].min(), level[:, 1].max()
-    palm_at = back + clear
-    boxes = [
-        _between((tips, palm_at), (high, high + thick), _about(height, wide)),
-        *(
-            _between((tips, palm_at), (low - thick, low), _about(height + up, wide))
-            for up in (-beside / 2, beside / 2)
-        ),
-    ]
     middle, width = (low + high) / 2, max(high - low + 2 * thick, palm[1])
-    boxes.append(
-        _between((palm_at, palm_at + palm[0]), _about(middle, width), _about(height, palm[2]))
-    )
-    wrist = palm_at + palm[0]
-    boxes.append(
-        _between(
-            (wrist, wrist + forearm[0]), _about(middle, forearm[1]), _about(height, forearm[2])
-        )
-    )
-    return boxes
+    palm_at, wrist = back + clear, back + clear + palm[0]
+    finger, below = (tips, palm_at), (low - thick, low)
+    return [
+        _between(finger, (high, high + thick), _about(height, wide)),
+        _between(finger, below, _about(height - beside / 2, wide)),
+        _between(finger, below, _about(height + beside / 2, wide)),
+        _between((palm_at, wrist), _about(middle, width), _about(height, palm[2])),
+        _between((wrist, wrist + length), _about(middle, across), _about(height, across)),
+    ]
 
 
 def _belt(points: Array) -> list[tuple[Array, Array]]:
-    # A belt starts this far below what is on it [m].
-    # A belt: its length and width, and how thick it is [m].
-    belt = (0.20, 0.26, 0.01)
-    top = points[:, 2].min() - 0.001
+    # A belt: its length and width, and how thick it is; it starts a little below the object [m].
+    belt, top = (0.20, 0.26, 0.01), points[:, 2].min() - 0.001
     return [_between(_about(0.0, belt[0]), _about(0.0, belt[1]), (top - belt[2], top))]
 
 
@@ -151,7 +139,7 @@ class Carrier(DistractorBody):
     @classmethod
     def of(
         cls, kind: CarrierKind, obj: RigidObject, motion: ObjectMotion, hue: float | None
-    ) -> Carrier:
+    ) -> Self:
         """The carrier of an object that starts where its motion does.
 
         Args:

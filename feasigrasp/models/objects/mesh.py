@@ -4,8 +4,6 @@ Everything that makes a mesh file from somewhere into the surface of one solid b
 reason why it cannot be one, is in this file.
 """
 
-from __future__ import annotations
-
 import sys
 from itertools import combinations
 from pathlib import Path
@@ -20,7 +18,6 @@ from tqdm import tqdm
 from feasigrasp.errors import MeshError, needed_by
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.objects.mesh_cache import LARGE
-from feasigrasp.outputs import write_text
 
 #: Faces beyond this number slow contact down without changing a grasp. Source: guessed.
 MAX_FACES = 4000
@@ -53,29 +50,13 @@ def read_solid(path: Path, scale: float = 1.0) -> tuple[trimesh.Trimesh, tuple[s
         raise MeshError(f"{path}: scale={scale}; give a positive number such as 0.001 for mm.")
     large = path.is_file() and path.stat().st_size >= LARGE
     with tqdm(total=3, desc=f"reading {path.name}", unit="step", disable=not large) as bar:
-        mesh = _read(path)
+        mesh = read_surface(path, scale)
         bar.update()
-        mesh.apply_scale(scale)
         _check_extent(mesh, path, scale)
         bar.update()
         mesh, notes = _one_solid(mesh, path)
         bar.update()
     return mesh, notes
-
-
-def read_surface(path: Path, scale: float = 1.0) -> trimesh.Trimesh:
-    """Reads the surface of a mesh file, open or closed, of one body or several [m].
-
-    Args:
-        path: Any mesh file that trimesh reads.
-        scale: Factor from the units of the file to metres.
-
-    Raises:
-        MeshError: If the file is missing or unreadable, or has no faces or NaN.
-    """
-    mesh = _read(path)
-    mesh.apply_scale(scale)
-    return mesh
 
 
 def decimate(mesh: trimesh.Trimesh, max_faces: int) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
@@ -126,17 +107,13 @@ def decimate_within(mesh: trimesh.Trimesh, tolerance: float) -> trimesh.Trimesh:
     return _trimesh(fine.simplify(0.5 * tolerance))
 
 
-def write_obj(path: Path, vertices: Array, faces: Indices) -> None:
-    """Writes a surface as `obj_text`."""
-    write_text(path, obj_text(vertices, faces))
-
-
-def obj_text(vertices: Array, faces: Indices) -> str:
+def obj_text(mesh: trimesh.Trimesh) -> str:
     """An OBJ with vertex normals, which Drake's RenderEngineVtk needs to draw it.
 
     Vertices stay shared, so the file is as watertight as the mesh; a vertex on a crease sharper
     than 40 degrees carries one normal per side (``f v//n``).
     """
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     normals, corners = _crease_normals(vertices, faces)
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices + 0.0]
     lines += [f"vn {x:.3f} {y:.3f} {z:.3f}" for x, y, z in normals]
@@ -158,7 +135,16 @@ def _clean(vertices: Array, faces: NDArray[Any]) -> trimesh.Trimesh:
     return mesh
 
 
-def _read(path: Path) -> trimesh.Trimesh:
+def read_surface(path: Path, scale: float = 1.0) -> trimesh.Trimesh:
+    """Reads the surface of a mesh file, open or closed, of one body or several [m].
+
+    Args:
+        path: Any mesh file that trimesh reads.
+        scale: Factor from the units of the file to metres.
+
+    Raises:
+        MeshError: If the file is missing or unreadable, or has no faces or NaN.
+    """
     if not path.is_file():
         what = "a folder" if path.is_dir() else "no such file"
         raise MeshError(f"{path}: {what}; give the path of a mesh (obj, ply, stl, off, glb).")
@@ -178,6 +164,7 @@ def _read(path: Path) -> trimesh.Trimesh:
     mesh = _clean(vertices, faces)
     if not len(mesh.faces):
         raise MeshError(f"{path}: all {len(faces)} faces have no area; give a solid in its units.")
+    mesh.apply_scale(scale)
     return mesh
 
 

@@ -1,7 +1,5 @@
 """Disk cache of processed meshes."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

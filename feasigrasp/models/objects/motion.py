@@ -5,8 +5,6 @@ One formula covers the paper's circular, linear and sinusoidal tests: with the p
 while the object turns with constant speed about a fixed axis.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated

@@ -11,8 +11,6 @@ Reference: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking
 section 6.2 (the Wiener-process acceleration model).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

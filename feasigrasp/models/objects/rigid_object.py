@@ -1,11 +1,9 @@
 """A rigid object to grasp: its surface, mass and inertia, built in or from any mesh file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 import trimesh
@@ -67,7 +65,7 @@ class RigidObject(Frozen):
 
     @classmethod
     @checked(MeshError)
-    def of_mesh(cls, name: str, mesh: trimesh.Trimesh, mass: Positive, **about: Any) -> RigidObject:
+    def of_mesh(cls, name: str, mesh: trimesh.Trimesh, mass: Positive, **about: Any) -> Self:
         """A closed mesh [m] of uniform density; ``about`` is its color, material and notes."""
         unit = mesh.mass_properties  # of density 1
         p_MO = np.asarray(unit.center_mass)
@@ -110,7 +108,7 @@ class _Entry:
     material: str = RigidObject.material
 
     @classmethod
-    def of(cls, file: Path, entry: dict[str, Any]) -> _Entry:
+    def of(cls, file: Path, entry: dict[str, Any]) -> Self:
         """An entry of a file; keys for people, such as a description, are passed over."""
         names = [field.name for field in fields(cls)]
         try:
@@ -233,8 +231,7 @@ def _obj_text(vertices: bytes, faces: bytes, tolerance: float | None) -> str:
         np.frombuffer(faces, dtype=int).reshape(-1, 3),
         process=False,
     )
-    mesh = mesh if tolerance is None else decimate_within(mesh, tolerance)
-    return obj_text(mesh.vertices, mesh.faces)
+    return obj_text(mesh if tolerance is None else decimate_within(mesh, tolerance))
 
 
 def object_file(name_or_path: str | Path) -> Path:

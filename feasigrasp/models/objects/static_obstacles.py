@@ -5,10 +5,9 @@ spaces ``n . x + d <= 0``; the largest of these values is the distance to the hu
 nearest, and a lower bound of it beside edges and corners.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import trimesh
@@ -89,12 +88,12 @@ class StaticObstacle(Frozen):
         object.__setattr__(self, "half_spaces", tuple(planes))
 
     @classmethod
-    def box(cls, name: str, size: ArrayLike, X_WB: Array) -> StaticObstacle:
+    def box(cls, name: str, size: ArrayLike, X_WB: Array) -> Self:
         """A box with edges of a size (3,) [m] about the origin of B."""
         return cls(name, trimesh.creation.box(np.asarray(size, dtype=float)), X_WB)
 
     @classmethod
-    def of_file(cls, name: str, file: str | Path, scale: float, X_WB: Array) -> StaticObstacle:
+    def of_file(cls, name: str, file: str | Path, scale: float, X_WB: Array) -> Self:
         """A mesh of a file; ``scale`` is the factor from its unit to metres.
 
         Raises:
@@ -120,11 +119,7 @@ class StaticObstacle(Frozen):
 
     def files(self) -> dict[str, str]:
         """The body as files of a URDF model, ``obstacle.urdf``, by their names."""
-        files = {f"part_{i}.obj": _obj(part) for i, part in enumerate(self.parts)}
+        files = {f"part_{i}.obj": obj_text(part) for i, part in enumerate(self.parts)}
         collisions = "\n".join(_COLLISION.format(i=i) for i in range(len(self.parts)))
         urdf = _URDF.format(name=self.name, parts=collisions)
-        return {"obstacle.urdf": urdf, "surface.obj": _obj(self.mesh), **files}
-
-
-def _obj(mesh: trimesh.Trimesh) -> str:
-    return obj_text(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        return {"obstacle.urdf": urdf, "surface.obj": obj_text(self.mesh), **files}

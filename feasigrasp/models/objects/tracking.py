@@ -1,9 +1,8 @@
 """Tracking state: age of the last measurement behind a pose."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Self
 
 from feasigrasp.models.arrays import Array, Frozen
 
@@ -53,7 +52,7 @@ class Tracking(Frozen):
     expected: Array | None = None
 
     @classmethod
-    def of_age(cls, age: float, silence: float, jumping: bool = False) -> Tracking:
+    def of_age(cls, age: float, silence: float, jumping: bool = False) -> Self:
         """The state of a tracker whose measurements have been missing for ``age`` seconds.
 
         Args:

@@ -1,12 +1,7 @@
 """Reachability of the arm, at present and over the prediction horizon."""
 
-from feasigrasp.models.reach.feasible_grasps import feasible_grasps
-from feasigrasp.models.reach.feasible_poses import feasible_poses
-from feasigrasp.models.reach.interception import (
-    InterceptionOptions,
-    Situation,
-    find_interceptions,
-)
+from feasigrasp.models.reach.feasible_grasps import feasible_grasps, feasible_poses
+from feasigrasp.models.reach.interception import InterceptionOptions, Situation, find_interceptions
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
 
 __all__ = [

@@ -13,9 +13,7 @@ with the largest share ``a`` of the acceleration limits on the path. A good scor
 up for some of it.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, NamedTuple
 
@@ -24,7 +22,7 @@ from numpy.typing import NDArray
 
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.arguments import check_fields, checked
-from feasigrasp.models.arrays import Array, Frozen, Indices, record
+from feasigrasp.models.arrays import Array, Indices, record
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.continuation import (
@@ -35,8 +33,7 @@ from feasigrasp.models.ik.continuation import (
     solve_kernel,
 )
 from feasigrasp.models.ik.self_motion import inside_limits_kernel
-from feasigrasp.models.objects.predicted_poses import PredictionModel, predicted_poses
-from feasigrasp.models.objects.prediction import Motion
+from feasigrasp.models.objects.prediction import Motion, PredictionModel, predicted_poses
 from feasigrasp.models.quantities import (
     JOINT_POSITIONS,
     JOINT_RATES,
@@ -183,8 +180,7 @@ class Situation:
         return predicted_poses(self.prediction, self.motion, self.X_WO, self.V_WO, ahead)
 
 
-@dataclass(frozen=True, eq=False)
-class Interceptions(Frozen):
+class Interceptions(NamedTuple):
     """When and where n grasps are intercepted.
 
     Attributes:
@@ -245,11 +241,10 @@ def find_interceptions(
         reachability.search,
         options.record,
     )
-    arrays = found.cost, found.arrival, found.q, found.v, found.branch, found.psi
     bound = (-1, 0.0) if present is None else present
-    _interceptions_kernel(ahead, np.array(X_OG, dtype=float), *bound, arrays)
+    _interceptions_kernel(ahead, np.array(X_OG, dtype=float), *bound, found)
     worth = options.score * np.log(np.clip(score, _LEAST_SCORE, 1.0))
-    return replace(found, cost=found.cost - worth)
+    return found._replace(cost=found.cost - worth)
 
 
 class _Ahead(NamedTuple):

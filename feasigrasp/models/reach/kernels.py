@@ -10,12 +10,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.ik.continuation import (
-    is_seeded,
-    is_srs,
-    other_kernel,
-    redundancy_kernel,
-)
+from feasigrasp.models.ik.continuation import is_seeded, is_srs, other_kernel, redundancy_kernel
 from feasigrasp.models.ik.redundancy import (
     RedundancySamples,
     Segments,
@@ -58,7 +53,6 @@ class Search(NamedTuple):
         spacing: Largest step between the arm angles that are tried inside an interval [rad].
         limit_margin: Distance kept from the joint limits [rad].
         clearance: Distance kept between bodies [m].
-        table_height: Height of the table top in the base frame [m].
         floor: Height above which all that moves is kept, for a clearance to the table [m].
         capsules: Arm and hand, with all pairs and movers to check.
         open: The same, with the pairs and movers that the flange pose alone does not decide.
@@ -75,7 +69,6 @@ class Search(NamedTuple):
     spacing: float
     limit_margin: float
     clearance: float
-    table_height: float
     floor: float
     capsules: CapsuleModel
     open: CapsuleModel

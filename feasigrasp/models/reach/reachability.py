@@ -4,8 +4,6 @@ A pose counts as reached by a configuration that is inside the joint limits, fre
 self-collision and clear of the table; candidates come from the closed form over the arm angle.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated
@@ -117,9 +115,7 @@ class Reachability(Frozen):
 
     @checked(ReachabilityError)
     def nearest(
-        self,
-        X_WG: Annotated[ArrayLike, ANY_POSES],
-        q: Annotated[ArrayLike, JOINT_POSITIONS],
+        self, X_WG: Annotated[ArrayLike, ANY_POSES], q: Annotated[ArrayLike, JOINT_POSITIONS]
     ) -> tuple[Array, Array]:
         """The admissible configuration for each hand pose that is soonest reached from ``q``.
 
@@ -181,7 +177,6 @@ def _make_search(reachability: Reachability) -> Search:
         spacing=2.0 * np.pi / reachability.n_arm_angles,
         limit_margin=float(reachability.limit_margin),
         clearance=float(reachability.clearance),
-        table_height=float(reachability.table_height),
         floor=float(reachability.table_height + reachability.table_clearance),
         capsules=capsules,
         open=undecided.with_pairs(capsules.pairs[~decided]),

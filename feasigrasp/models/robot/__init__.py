@@ -4,11 +4,7 @@ from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.gripper_file import WSG_50
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import (
-    forward_kinematics,
-    manipulability,
-    pose_and_jacobian,
-)
+from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability, pose_and_jacobian
 from feasigrasp.models.robot.suction_cup import SuctionCup
 
 __all__ = [

@@ -5,8 +5,6 @@ the link's joint. A joint is then described by a point and a direction, and the 
 are a product of turns about known axes (Brockett 1984).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Annotated, NamedTuple
@@ -211,10 +209,7 @@ class Arm(Frozen):
             turn = Rotation.from_rotvec(angle[:, None] * axis)
             p, R = p + R.apply(point - turn.apply(point)), R * turn
         features = np.hstack(
-            [
-                p + R.apply(X_WF[:3, 3]),
-                (R * Rotation.from_matrix(X_WF[:3, :3])).as_quat(),
-            ]
+            [p + R.apply(X_WF[:3, 3]), (R * Rotation.from_matrix(X_WF[:3, :3])).as_quat()]
         )
         seeds = np.zeros((n + 1, 2 * m))
         seeds[:7, :m], seeds[:n, m:] = features.T, Q.T

@@ -1,7 +1,5 @@
 """What a URDF leaves open about an arm: home, mounting of the hand, pairs that can collide."""
 
-from __future__ import annotations
-
 from itertools import combinations, product
 
 import numpy as np

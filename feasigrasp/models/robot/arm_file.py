@@ -1,7 +1,5 @@
 """Arms by name, and from YAML files."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from functools import cache

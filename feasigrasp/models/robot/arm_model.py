@@ -1,7 +1,5 @@
 """Generated simulation model of an arm: its capsules are shown, and collide."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -10,8 +10,6 @@ cache. Link frames are rotations ``R`` (n + 1, 3, 3) and origins ``p`` (n + 1, 3
 base's first; ``chain`` is that of an `Arm`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from feasigrasp.models.compiled import compiled

@@ -6,11 +6,9 @@ of least volume that do so; `Arm.capsules` are what it prints. Those of the hand
 `ParallelGripper`, fully opened.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,7 +49,7 @@ class CapsuleModel(NamedTuple):
     groups: Indices
     movers: Indices
 
-    def with_pairs(self, pairs: ArrayLike) -> CapsuleModel:
+    def with_pairs(self, pairs: ArrayLike) -> Self:
         """The capsules with other collision pairs, shape (p, 2), in the same order."""
         pairs = np.array(pairs, dtype=np.int64).reshape(-1, 2)
         model = self._replace(pairs=pairs, groups=_groups(self.link, pairs))

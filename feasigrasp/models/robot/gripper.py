@@ -4,8 +4,6 @@ A hand is a few lengths and two boxes; sampler, filter, capsules, simulated mode
 view of the room for a hand take them from there, so nothing is trained anew for another one.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -88,33 +86,39 @@ class Gripper(Frozen, ABC):
     def skin_points(self, opening: NotNegative) -> Array:
         """Points all over the hand: what must not hit anything, shape (k, 3) in G [m]."""
 
-    def _camera_points(self) -> Array:
-        """Points on the front of the wrist camera."""
+    def _body_points(self) -> Array:
+        """Points on front and back of the palm, and on the front of the wrist camera."""
+        px, py, pz = (size / 2 for size in self.palm_size)
         cx, cy, cz = (size / 2 for size in self.camera_box)
-        return grid_points([-cx, 0.0, cx], [-cy, cy], [cz]) + np.array(self.camera_center)
+        front = grid_points(np.linspace(-px, px, 5), np.linspace(-py, py, 5), [self.heel])
+        camera = grid_points([-cx, 0.0, cx], [-cy, cy], [cz]) + np.array(self.camera_center)
+        back = grid_points([-px, px], [-py, py], [self.heel - 2 * pz])
+        return np.concatenate([front, camera, back])
+
+    def _body_skin(self) -> Array:
+        """Points all over palm and camera, no more than 1.5 cm apart."""
+        palm = np.array(self.palm_size)
+        box = box_skin([0.0, 0.0, self.heel - palm[2] / 2], palm, 0.015)
+        return np.concatenate([box, box_skin(self.camera_center, np.array(self.camera_box), 0.015)])
 
     def _check(self) -> None:
         name = type(self).__name__
         for key in sorted(self._LENGTHS):
-            value = getattr(self, key)
-            size = 3 if key in ("palm_size", "camera_box") else 1
-            values = value if size == 3 else (value,)
-            if len(values) != size or not all(np.isfinite(v) and 0 < v < 1 for v in values):
+            value = np.array(getattr(self, key))
+            if not ((value > 0.0) & (value < 1.0)).all():
+                what = "three lengths" if value.ndim else "a length"
                 raise GraspError(
-                    f"{name}.{key} = {value}: give "
-                    f"{'three lengths' if size == 3 else 'a length'} between 0 and 1 m (metres?)"
+                    f"{name}.{key} = {getattr(self, key)}: give {what} between 0 and 1 m (metres?)"
                 )
         for key, unit in self._POSITIVE.items():
-            if not (np.isfinite(getattr(self, key)) and getattr(self, key) > 0.0):
-                raise GraspError(
-                    f"{name}.{key} = {getattr(self, key)}: give a positive number{unit}"
-                )
+            if not (value := getattr(self, key)) > 0.0:
+                raise GraspError(f"{name}.{key} = {value}: give a positive number{unit}")
         if not -1 < self.heel < 0:
             raise GraspError(
                 f"{name}.heel = {self.heel}: it lies behind the pad centre; give a "
                 "negative z in metres"
             )
-        if len(self.camera_center) != 3 or not (np.abs(self.camera_center) < 1.0).all():
+        if not (np.abs(self.camera_center) < 1.0).all():
             raise GraspError(
                 f"{name}.camera_center = {self.camera_center}: give x, y, z in metres, "
                 "each within 1 m of the pad centre"
@@ -212,10 +216,7 @@ class ParallelGripper(Gripper):
             grid_points([-near, near], [-side, 0.0, side], along),
             grid_points([-far, far], [-side, side], along),
         ]
-        px, py, pz = (size / 2 for size in self.palm_size)
-        front = grid_points(np.linspace(-px, px, 5), np.linspace(-py, py, 5), [self.heel])
-        back = grid_points([-px, px], [-py, py], [self.heel - 2 * pz])
-        return np.concatenate([*fingers, front, self._camera_points(), back])
+        return np.concatenate([*fingers, self._body_points()])
 
     @checked(GraspError)
     def skin_points(self, opening: NotNegative) -> Array:
@@ -231,15 +232,8 @@ class ParallelGripper(Gripper):
         """
         finger = np.array([self.finger_thickness, self.finger_width, self.tip - self.heel])
         out, middle = (opening + self.finger_thickness) / 2, (self.tip + self.heel) / 2
-        palm = np.array(self.palm_size)
-        return np.concatenate(
-            [
-                box_skin([-out, 0.0, middle], finger, 0.01),
-                box_skin([out, 0.0, middle], finger, 0.01),
-                box_skin([0.0, 0.0, self.heel - palm[2] / 2], palm, 0.015),
-                box_skin(self.camera_center, np.array(self.camera_box), 0.015),
-            ]
-        )
+        fingers = [box_skin([x, 0.0, middle], finger, 0.01) for x in (-out, out)]
+        return np.concatenate([*fingers, self._body_skin()])
 
 
 def box_skin(center: ArrayLike, size: Array, spacing: float) -> Array:

@@ -1,7 +1,5 @@
 """Hands by name or file."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from pathlib import Path
 from typing import Any

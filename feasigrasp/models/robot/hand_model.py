@@ -1,7 +1,5 @@
 """Generated simulation model of a hand: fingers with pads, or a suction cup on a stem."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

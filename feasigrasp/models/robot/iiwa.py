@@ -1,7 +1,5 @@
 """Data of the KUKA LBR iiwa 7 R800: dimensions, limits, capsules."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import product
 
@@ -44,22 +42,20 @@ def _mirrored(segment: _Segment) -> _Segment:
     return (ax, -ay, az), (bx, -by, bz), radius
 
 
-def _capsules() -> tuple[Capsule, ...]:
-    """The capsules of base and links, which ``python tools/fit_capsules.py`` prints."""
-    return (
-        *_along(0, ((0.0, 0.0, 0.026), (0.0, 0.0, 0.031), 0.130)),
-        *_along(0, ((0.023, 0.0, 0.059), (0.0, 0.0, 0.092), 0.093)),
-        *_along(1, *_UPPER),
-        *_along(2, *_LOWER),
-        *_along(3, *map(_mirrored, _UPPER)),
-        *_along(4, *map(_mirrored, _LOWER)),
-        *_along(5, ((0.0, 0.0, 0.035), (0.0, 0.0, 0.058), 0.074)),
-        *_along(5, ((0.0, -0.004, 0.043), (0.0, -0.077, 0.189), 0.056)),
-        *_along(6, ((0.0, -0.012, 0.0), (0.0, 0.003, 0.039), 0.069)),
-        *_along(6, ((0.0, 0.036, 0.0), (0.0, 0.011, 0.023), 0.071)),
-        *_along(7, ((0.0, 0.0, 0.014), (0.0, 0.0, 0.024), 0.050)),  # holds the hand's adapter too
-    )
-
+#: The capsules of base and links, which ``python tools/fit_capsules.py`` prints.
+_CAPSULES: tuple[Capsule, ...] = (
+    *_along(0, ((0.0, 0.0, 0.026), (0.0, 0.0, 0.031), 0.130)),
+    *_along(0, ((0.023, 0.0, 0.059), (0.0, 0.0, 0.092), 0.093)),
+    *_along(1, *_UPPER),
+    *_along(2, *_LOWER),
+    *_along(3, *map(_mirrored, _UPPER)),
+    *_along(4, *map(_mirrored, _LOWER)),
+    *_along(5, ((0.0, 0.0, 0.035), (0.0, 0.0, 0.058), 0.074)),
+    *_along(5, ((0.0, -0.004, 0.043), (0.0, -0.077, 0.189), 0.056)),
+    *_along(6, ((0.0, -0.012, 0.0), (0.0, 0.003, 0.039), 0.069)),
+    *_along(6, ((0.0, 0.036, 0.0), (0.0, 0.011, 0.023), 0.071)),
+    *_along(7, ((0.0, 0.0, 0.014), (0.0, 0.0, 0.024), 0.050)),  # holds the hand's adapter too
+)
 
 #: Gains of the joints' PD controllers, from the base to the flange [Nm/rad], [Nm s/rad]. The second
 #: are 1500 /s times a joint's largest inertia, 600 /s at the wrist, whose torques would come near
@@ -92,7 +88,7 @@ IIWA_7 = Arm(
     ),
     acceleration_share=0.94,
     position_margin=0.03,
-    capsules=_capsules(),
+    capsules=_CAPSULES,
     pairs=_PAIRS,
     family=Family.SRS,
     inertias=np.zeros((0, 10)),  # its URDF is packaged

@@ -1,7 +1,5 @@
 """Suction cups."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +9,7 @@ from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.quantities import NotNegative
-from feasigrasp.models.robot.gripper import Gripper, box_skin, grid_points
+from feasigrasp.models.robot.gripper import Gripper
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +83,7 @@ class SuctionCup(Gripper):
         back = -self.height
         stem = np.linspace(back, self.heel, 4)[:-1]
         around = [_rings([self.radius], [back, 0.7 * back]), _rings([self.stem_radius], stem)]
-        px, py, pz = (size / 2 for size in self.palm_size)
-        front = grid_points(np.linspace(-px, px, 5), np.linspace(-py, py, 5), [self.heel])
-        behind = grid_points([-px, px], [-py, py], [self.heel - 2 * pz])
-        return np.concatenate([*around, front, self._camera_points(), behind])
+        return np.concatenate([*around, self._body_points()])
 
     @checked(GraspError)
     def skin_points(self, opening: NotNegative = 0.0) -> Array:
@@ -97,12 +92,10 @@ class SuctionCup(Gripper):
         Returns:
             Shape (k, 3), in the grasp frame G [m].
         """
-        palm, depth = np.array(self.palm_size), np.linspace(0.0, -self.height, 3)
+        depth = np.linspace(0.0, -self.height, 3)
         rings = _rings([0.0, 0.5 * self.radius, self.radius], depth)
         stem = _rings([self.stem_radius], np.linspace(-self.height, self.heel, 5))
-        box = box_skin([0.0, 0.0, self.heel - palm[2] / 2], palm, 0.015)
-        camera = box_skin(self.camera_center, np.array(self.camera_box), 0.015)
-        return np.concatenate([rings, stem, box, camera])
+        return np.concatenate([rings, stem, self._body_skin()])
 
 
 def _rings(radii: ArrayLike, z: ArrayLike) -> Array:

@@ -1,7 +1,5 @@
 """An arm's description from a URDF: axes, limits, inertias, capsules around its meshes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -166,7 +164,7 @@ def _described(robot: ET.Element, file: Path, flange: str) -> dict[str, Any]:
         "position_margin": 0.03,
         "joints": joints,
         "X_WF": X_of[flange],
-        "links": [_link(b, p, k > 0) for k, (b, p) in enumerate(zip(bodies, origins, strict=True))],
+        "links": [_link(b, p) for b, p in zip(bodies, origins, strict=True)],
     }
 
 
@@ -243,7 +241,7 @@ def _family(joints: list[dict[str, Any]]) -> str:
     return "seeded"
 
 
-def _link(body: _Body, origin: Array, moves: bool) -> dict[str, Any]:
+def _link(body: _Body, origin: Array) -> dict[str, Any]:
     com = body.moment / body.mass if body.mass > 0.0 else origin
     inertia = body.inertia - body.mass * (com @ com * np.eye(3) - np.outer(com, com))
     mass = max(body.mass, 0.1)

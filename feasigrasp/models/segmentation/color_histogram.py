@@ -3,9 +3,8 @@
 Swain and Ballard, "Color indexing", 1991, with the histogram of the background in the ratio.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ class ColorHistogram(Frozen):
     probability: Array
 
     @classmethod
-    def learnt(cls, color: NDArray[np.uint8], of_object: Mask, beside: Mask) -> ColorHistogram:
+    def learnt(cls, color: NDArray[np.uint8], of_object: Mask, beside: Mask) -> Self:
         """The histograms of an image.
 
         Args:

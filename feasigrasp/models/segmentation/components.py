@@ -5,8 +5,6 @@ body may show more than one, where a part of it hides another; components that c
 in space are grouped.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

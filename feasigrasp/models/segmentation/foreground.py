@@ -14,8 +14,7 @@
    looked for from.
 """
 
-from __future__ import annotations
-
+from dataclasses import dataclass
 from enum import IntEnum
 from itertools import product
 from typing import NamedTuple, Protocol
@@ -24,12 +23,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, find_objects
 
-from feasigrasp.models.arrays import Array, Floats, Indices, Mask
+from feasigrasp.models.arrays import Array, Floats, Frozen, Indices, Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
-from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.components import Components, find_components
 from feasigrasp.models.segmentation.modeled_bodies import SIGMAS, Kind
+
+
+@dataclass(frozen=True, eq=False)
+class CameraView(Frozen):
+    """One depth image.
+
+    Attributes:
+        points: Points in the world frame W, row by row, not finite where nothing was measured,
+            shape (height * width, 3) [m].
+        X_WC: Pose of the camera, z forward, x to the right, y down, shape (4, 4).
+    """
+
+    points: Floats
+    X_WC: Array
 
 
 class DistanceField(Protocol):
@@ -82,9 +94,8 @@ def agreeing(
     for k, sample in enumerate(components.samples):
         # A point agrees with the field that is no farther from its zero [m]: the error of the
         # predicted pose and of the side of the object that was not seen yet.
-        # One point of a component's sample in this number is compared with the field.
         gate = 0.02 + slack
-        near = distance_to(field, _to(X_OW, sample[::3]), gate) < gate
+        near = distance_to(field, _to(X_OW, sample[::3]), gate) < gate  # a third will do
         if near.mean() >= agreeing_share:
             kept.append(k)
         else:
@@ -94,14 +105,13 @@ def agreeing(
     return kept, np.concatenate(single)
 
 
-def moved_share(points: Array, before: CameraView, camera: Camera, sigmas: float) -> float:
+def moved_share(points: Array, before: CameraView, camera: Camera) -> float:
     """The share of some points that lie where an earlier view has looked through.
 
     Args:
         points: Of one body, shape (m, 3) [m].
         before: An earlier view.
         camera: The camera.
-        sigmas: Number of standard deviations of a depth that is noise.
 
     Returns:
         Of the points that the earlier view would have shown, in [0, 1]; 0 if it shows none.
@@ -123,15 +133,10 @@ def moved_share(points: Array, before: CameraView, camera: Camera, sigmas: float
             depth = _to(X_CW, before.points[pixel].astype(float))[:, 2]
         z_before = np.fmin(z_before, np.where(np.isfinite(depth), depth, np.inf))
     # A point that lies this much before what an earlier view saw there has come there since [m].
-    off = 0.008 + sigmas * camera.depth_noise * z**2
+    off = 0.008 + SIGMAS * camera.depth_noise * z**2
     shown = z_before > z - off  # what was hidden may have been there
     came = np.count_nonzero(z_before > z + off)
     return float(came) / max(int(np.count_nonzero(shown)), 1)
-
-
-def nearest_to(p: Array, groups: list[Indices], components: Components) -> int:
-    """The group that comes nearest to a point p (3,)."""
-    return int(np.argmin([_distance(p, group, components) for group in groups]))
 
 
 def in_box(mask_of: list[Mask], camera: Camera, box: Array) -> int | None:
@@ -229,18 +234,14 @@ def segment(
     labels[kinds == Kind.CARRIER] = Label.CARRIER
     graspable = components.graspable()
     labels[(components.number >= 0) & ~components.mask(graspable)] = Label.SURROUNDINGS
-    followed = _followed(components, view, known)
-    if followed is None:
-        group = _chosen(components, known, p_WH, camera)
-        found = components.mask(group)
-    else:
-        found = followed
-        if found.any():  # with the object found, the rest is none
-            labels[components.number >= 0] = Label.SURROUNDINGS
+    found = _followed(components, view, known)
+    if found is None:
+        found = components.mask(_chosen(components, known, p_WH, camera))
+    elif found.any():  # with the object found, the rest is none
+        labels[components.number >= 0] = Label.SURROUNDINGS
     image = labels.reshape(camera.height, camera.width)
-    image[_closed(found.reshape(image.shape), (kinds == Kind.UNOBSERVED).reshape(image.shape))] = (
-        Label.OBJECT
-    )
+    unobserved = (kinds == Kind.UNOBSERVED).reshape(image.shape)
+    image[_closed(found.reshape(image.shape), unobserved)] = Label.OBJECT
     return image
 
 
@@ -277,7 +278,7 @@ def _chosen(components: Components, known: Known, p_WH: Array, camera: Camera) -
             return np.zeros(0, dtype=np.int64)
         groups = moving or groups
     near = pose[:3, 3] if pose is not None and was_seen else p_WH
-    return groups[nearest_to(near, groups, components)]
+    return min(groups, key=lambda group: _distance(near, group, components))
 
 
 def _moving(
@@ -287,7 +288,7 @@ def _moving(
     if before is None:
         return []
     shares = [
-        moved_share(np.concatenate([components.samples[k] for k in group]), before, camera, SIGMAS)
+        moved_share(np.concatenate([components.samples[k] for k in group]), before, camera)
         for group in groups
     ]
     # A body moves of which more than this share has come where nothing was.

@@ -5,10 +5,8 @@ since the object comes between its fingers, and the cell of boxes too. A point b
 it lies in it, or no farther from it than `MARGIN` and what the camera's noise explains.
 """
 
-from __future__ import annotations
-
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +76,7 @@ class Boxes(NamedTuple):
     solid: Mask = np.zeros(0, dtype=bool)
 
     @classmethod
-    def none(cls) -> Boxes:
+    def none(cls) -> Self:
         """No box."""
         return cls(np.zeros((0, 4, 4)), np.zeros((0, 3)))
 

@@ -3,8 +3,6 @@
 For clouds of real cameras, where neither arm nor cell nor an earlier image is known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -68,7 +66,7 @@ def check_no_table(points: Array, viewpoint: Array | None) -> None:
     )
 
 
-def largest_plane(points: Array, thickness: float, draws: int, seed: int = 0) -> Array:
+def largest_plane(points: Array, thickness: float, draws: int) -> Array:
     """The plane with the most points within ``thickness``, fitted to these by least squares.
 
     By random sample consensus (Fischler 1981).
@@ -77,12 +75,11 @@ def largest_plane(points: Array, thickness: float, draws: int, seed: int = 0) ->
         points: Shape (n, 3), n > 0 [m].
         thickness: Largest distance of its points [m].
         draws: Planes through three random points that are tried.
-        seed: Of the draws.
 
     Returns:
         Unit normal and offset: ``n . x + d`` is the signed distance of x [m], shape (4,).
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     # Points that planes are compared by; the share of a plane is then known to 1 % (one sigma).
     some = rng.permutation(points)[:2500]
     a, b, c = points[rng.integers(len(points), size=(3, draws))]
@@ -92,9 +89,13 @@ def largest_plane(points: Array, thickness: float, draws: int, seed: int = 0) ->
     offsets = -np.einsum("ni,ni->n", normals, a)
     count = (np.abs(some @ normals.T + offsets) <= thickness).sum(axis=0)
     best = int(np.argmax(np.where(length > 0.0, count, 0)))  # not of three points on a line
-    near = points[np.abs(points @ normals[best] + offsets[best]) <= thickness]
-    middle = near.mean(axis=0)
-    normal = np.linalg.eigh((near - middle).T @ (near - middle))[1][:, 0]
+    return _fitted_plane(points[np.abs(points @ normals[best] + offsets[best]) <= thickness])
+
+
+def _fitted_plane(points: Array) -> Array:
+    """The plane of least squares through points (n, 3): unit normal and offset, shape (4,)."""
+    middle = points.mean(axis=0)
+    normal = np.linalg.eigh((points - middle).T @ (points - middle))[1][:, 0]
     return np.append(normal, -normal @ middle)
 
 
@@ -289,10 +290,8 @@ def support_plane(
         near = some[on[:, best]]
         if count[best] < share * len(some) or not _all_round(near, np.median(body, axis=0)):
             continue
-        middle = near.mean(axis=0)
-        normal = np.linalg.eigh((near - middle).T @ (near - middle))[1][:, 0]
-        normal *= np.sign(normal @ planes[best, :3])
-        return np.append(normal, -normal @ middle)
+        plane = _fitted_plane(near)
+        return plane * np.sign(plane[:3] @ planes[best, :3])
     return None
 
 

@@ -18,8 +18,6 @@ the arm, a carrier, a distractor) are of the world's field; a transparent surfac
 what is behind it; the field repeats, after 43 correlation lengths.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated
@@ -55,7 +53,6 @@ class Material:
     length: Positive
 
     def __post_init__(self) -> None:
-        """Checks the values; raises `CameraError`."""
         check_fields(self, CameraError)
 
 

@@ -1,7 +1,5 @@
 """Kernels of the stereo camera's noise model, see `feasigrasp.models.sensors.depth_noise`."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

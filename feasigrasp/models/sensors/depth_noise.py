@@ -28,11 +28,9 @@ Windows of neighbouring pixels overlap, so that their noise is correlated. `Dept
 draws all of it anew for every image; with `FixedErrors` a share of it is the same in all.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -146,7 +144,7 @@ class DepthNoise:
             )
 
     @checked(CameraError)
-    def scaled(self, factor: NotNegative) -> DepthNoise:
+    def scaled(self, factor: NotNegative) -> Self:
         """A camera whose noise, scale, bias and holes are ``factor`` times as large."""
         sizes = ("subpixel", "scale_error", "bias", "holes")
         return replace(self, **{name: factor * getattr(self, name) for name in sizes})

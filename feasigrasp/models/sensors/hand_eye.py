@@ -1,8 +1,7 @@
 """Error model of the hand-eye calibration."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -34,9 +33,9 @@ class HandEyeError:
             if not (np.isfinite(value) and value >= 0.0):
                 raise CameraError(f"HandEyeError.{name} = {value}; give 0 or more")
 
-    def scaled(self, factor: float) -> HandEyeError:
+    def scaled(self, factor: float) -> Self:
         """A calibration that errs ``factor`` times as much."""
-        return HandEyeError(**{name: factor * value for name, value in vars(self).items()})
+        return type(self)(**{name: factor * value for name, value in vars(self).items()})
 
     def draw(self, rng: np.random.Generator) -> Array:
         """The calibrated pose in the frame of the true camera, X_CB, (4, 4).

@@ -7,8 +7,6 @@ and the variance counts the observations alone: what free space shaped is as unc
 nothing shaped.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -30,7 +28,7 @@ from feasigrasp.models.clouds.view_image import ViewImage, free_distance, rim_po
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.quantities import POINTS, ArrayOf, Count, Positive, Whole
-from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
+from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.gpdf_fit import fit_field
 from feasigrasp.models.shape.hidden_side import BackSurface, HiddenSide, load_hidden_side
 from feasigrasp.models.shape.node_sums import cross_covariance
@@ -157,7 +155,7 @@ class CompletedField(Gpdf):
         faster: the far side of a thin wall is near the observed surface, and still unobserved.
         """
         nodes = np.ascontiguousarray(self.nodes[:, : self.observed])
-        x = self._withdrawn(checked_queries(x))
+        x = self._withdrawn(np.asarray(x))
         cross = cross_covariance(nodes, self.length_scale, self.center, x)
         # The leading block of a Cholesky factor is the factor of the leading block.
         solved, info = lapack.dtrtrs(self._observed_factor, cross.T, lower=1, overwrite_b=1)
@@ -241,7 +239,7 @@ def complete_shape(
     # s2 of smoothed points.
     smoothed = 1e-3
     noise_variance = smoothed if noise_variance is None else noise_variance
-    check_fit(length_scale, noise_variance, SURFACE_OFFSET, max_points)
+    check_fit(length_scale, SURFACE_OFFSET, max_points)
     chosen = farthest_points(points, min(max_points, len(points)))
     surface, normals = points[chosen], cloud.normals[chosen]
     # Below this cosine between normal and line of sight a normal is a guess.
@@ -283,11 +281,7 @@ def complete_shape(
     fitted, observed = fitted_to(len(surface), hidden)
     content = {f.name: getattr(fitted, f.name) for f in fields(Gpdf)} | {"table": plane}
     return CompletedField(
-        **content,
-        cloud=points,
-        cloud_normals=cloud.normals,
-        images=cloud.images,
-        observed=observed,
+        **content, cloud=points, cloud_normals=cloud.normals, images=cloud.images, observed=observed
     )
 
 

@@ -1,7 +1,5 @@
 """Gaussian process distance field (GPDF, Le Gentil et al. 2024): queries, expected error."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -35,7 +33,6 @@ class SurfacePoints(Frozen):
     variance_at: Callable[[Array], Array] = field(repr=False)
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
         self._freeze(points=self.points, normals=self.normals)
 
     def __len__(self) -> int:
@@ -89,7 +86,6 @@ class Gpdf(Frozen):
     has_free_space: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Checks and freezes the arrays."""
         check_fields(self, PointCloudError)
         self._freeze(**{k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)})
 
@@ -115,13 +111,13 @@ class Gpdf(Frozen):
         Returns:
             Shape (m,) [m].
         """
-        return kernels.values(self.tiles, self.length_scale, self.center, checked_queries(x))
+        return kernels.values(self.tiles, self.length_scale, self.center, np.asarray(x))
 
     @checked(PointCloudError)
     def distance_and_gradient(self, x: Annotated[ArrayLike, POINTS]) -> tuple[Array, Array]:
         """Raw signed distance (m,) and its gradient ``-(l / o) grad o`` (m, 3) at x (m, 3)."""
         return kernels.values_and_gradients(
-            self.tiles, self.length_scale, self.center, checked_queries(x)
+            self.tiles, self.length_scale, self.center, np.asarray(x)
         )
 
     @checked(PointCloudError)
@@ -135,7 +131,7 @@ class Gpdf(Frozen):
 
         Small near observed points, growing towards 1 away from them.
         """
-        cross = cross_covariance(self.nodes, self.length_scale, self.center, checked_queries(x))
+        cross = cross_covariance(self.nodes, self.length_scale, self.center, np.asarray(x))
         solved, _ = lapack.dtrtrs(self.cholesky, cross.T, lower=1, overwrite_b=1)
         return np.maximum(1.0 - np.einsum("ij,ij->j", solved, solved), 0.0)
 
@@ -213,7 +209,7 @@ class Gpdf(Frozen):
         return kernels.march_to_exit(
             self.tiles,
             self.length_scale,
-            checked_queries(starts) - self.center,
+            np.asarray(starts) - self.center,
             np.asarray(directions),
             start_length,
             max_length,
@@ -261,7 +257,7 @@ class Gpdf(Frozen):
 
     def _march(self, x: ArrayLike, steps: int) -> tuple[Array, Array, Array, Array]:
         marched: tuple[Array, Array, Array, Array] = kernels.refine(
-            self.tiles, self.length_scale, self.center, checked_queries(x), steps, self.damped
+            self.tiles, self.length_scale, self.center, np.asarray(x), steps, self.damped
         )
         return marched
 
@@ -270,20 +266,6 @@ def unit_normals(gradient: Array) -> Array:
     """Gradients (m, 3) of a distance scaled to unit length; zero where there is no gradient."""
     norm = np.sqrt(np.einsum("ij,ij->i", gradient, gradient))
     return gradient / np.maximum(norm, 1e-12)[:, None]
-
-
-def checked_queries(x: ArrayLike) -> Array:
-    """Query points (m, 3) as the kernels take them, not copied if they are so already.
-
-    Raises:
-        PointCloudError: If they have another shape or hold NaN or infinity.
-    """
-    points = np.ascontiguousarray(x, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise PointCloudError(f"query points have shape {points.shape}; give (m, 3)")
-    if not np.isfinite(points).all():
-        raise PointCloudError("query points hold NaN or infinity; drop those rows first")
-    return points
 
 
 # Expected error of the completed surface as a function of distance to observations.

@@ -11,8 +11,6 @@ normal, ``y = exp(-+h / l)``, give the process the inside. Without them one thir
 inside has the wrong sign for a single view. ``surface_offset=None`` gives the paper's field.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np
@@ -62,7 +60,7 @@ def fit_gpdf(
     # Above this many points the cloud is thinned evenly before farthest-point selection.
     max_candidates = 2048
     cloud = checked_cloud(points)
-    check_fit(length_scale, noise_variance, surface_offset, max_points)
+    check_fit(length_scale, surface_offset, max_points)
     bounds = np.stack([cloud.min(axis=0), cloud.max(axis=0)])
     directions = None if viewpoint is None else directions_to_camera(cloud, viewpoint)
 
@@ -80,12 +78,10 @@ def fit_gpdf(
     if surface_offset is not None:
         # Those chosen early cover the cloud evenly; at corners there is no normal.
         beside = chosen[outward : outward - (-count // 3)]
-        at, normals = _outward_normals(
-            cloud, beside, None if directions is None else directions[beside]
-        )
-        nodes = np.concatenate(
-            [surface, at + surface_offset * normals, at - surface_offset * normals]
-        )
+        towards = None if directions is None else directions[beside]
+        at, normals = _outward_normals(cloud, beside, towards)
+        offset = surface_offset * normals
+        nodes = np.concatenate([surface, at + offset, at - offset])
         value = np.exp(-surface_offset / length_scale)
         targets = np.concatenate([targets, np.full(len(at), value), np.full(len(at), 1.0 / value)])
     return fit_field(
@@ -143,7 +139,7 @@ def fit_field(
         noise_variance=noise,
         center=center,
         nodes=centred,
-        alpha=_weights(factor, y),
+        alpha=np.asarray(lapack.dpotrs(factor, y, lower=1)[0]),
         cholesky=factor,
         damped=damped,
     )
@@ -171,11 +167,6 @@ def _factorized(gram: Array, noise: Array) -> Array:
             f"raise noise_variance (now {noise.min():g} at least)"
         )
     return np.asarray(factor)
-
-
-def _weights(factor: Array, targets: Array) -> Array:
-    """``(K + diag(s2))^-1 y`` by two triangular solves."""
-    return np.asarray(lapack.dpotrs(factor, targets, lower=1)[0])
 
 
 def _outward_normals(

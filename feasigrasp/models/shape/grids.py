@@ -6,8 +6,6 @@ has the inside and what lies between the points; the points have the edges, whic
 Unobserved space that may belong to a surface counts as surface.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from feasigrasp.models.arrays import Array, cached_on_value
@@ -22,6 +20,8 @@ from feasigrasp.models.shape.scene_field import SceneField
 #: [m]. 1.2 m about the shoulder, which is 0.34 m high, and 0.2 m below the base. Source: data
 #: sheet: KUKA LBR iiwa 7 R800, with a hand.
 ARM_BOX = (np.array([-1.2, -1.2, -0.2]), np.array([2.4, 2.4, 1.74]))
+#: Distances in that box are counted up to this [m]. Source: guessed.
+FAR_ENOUGH = 0.4
 #: Nodes within this number of voxels of an observed point ask the field. Source: guessed.
 _BAND = 2.0
 
@@ -69,28 +69,24 @@ def _take(points, m, grid, node, taken, squares):
 
 
 @cached_on_value  # made once per scene, by who sees it; the controllers look it up
-def obstacle_grid(
-    scene: SceneField, *, voxel_size: float = SCENE_VOXEL, max_distance: float = 0.4
-) -> ObstacleGrid:
+def obstacle_grid(scene: SceneField) -> ObstacleGrid:
     """The grid of a scene where the arm can reach; takes about a tenth of a second.
 
     Args:
         scene: The scene, in the frame of the arm's base, without the arm and what it grasps.
-        voxel_size: Edge length of a voxel [m].
-        max_distance: Farther away is far enough [m].
     """
     low, size = ARM_BOX
-    shape = tuple((np.ceil(size / voxel_size).astype(int) + 1).tolist())
-    values = np.full(shape, max_distance**2)
-    _nearest_point_kernel(np.ascontiguousarray(scene.points), low, voxel_size, values)
-    near = np.nonzero(values < (_BAND * voxel_size) ** 2)
+    shape = tuple((np.ceil(size / SCENE_VOXEL).astype(int) + 1).tolist())
+    values = np.full(shape, FAR_ENOUGH**2)
+    _nearest_point_kernel(np.ascontiguousarray(scene.points), low, SCENE_VOXEL, values)
+    near = np.nonzero(values < (_BAND * SCENE_VOXEL) ** 2)
     if len(scene.unobserved):
-        _nearest_point_kernel(np.ascontiguousarray(scene.unobserved), low, voxel_size, values)
+        _nearest_point_kernel(np.ascontiguousarray(scene.unobserved), low, SCENE_VOXEL, values)
     values = np.sqrt(values)
     if len(near[0]) > 0:
-        nodes = np.stack(near, axis=1) * voxel_size + low
+        nodes = np.stack(near, axis=1) * SCENE_VOXEL + low
         values[near] = np.minimum(values[near], scene.distance(nodes))
-    return ObstacleGrid(values.astype(np.float32), np.array([*low, voxel_size, max_distance]))
+    return ObstacleGrid(values.astype(np.float32), np.array([*low, SCENE_VOXEL, FAR_ENOUGH]))
 
 
 @cached_on_value  # the same field comes along with every tick of the sequencer

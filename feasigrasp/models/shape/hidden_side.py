@@ -6,15 +6,13 @@ how thick household shapes are behind each pixel; the distance field takes that 
 that are as uncertain as the network says (`feasigrasp.models.shape.completion`).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,8 +95,6 @@ def features(image: ViewImage, field: Gpdf) -> NDArray[np.float32]:
 # Computed with NumPy, since torch takes longer to load than all pictures of a run; trained with
 # torch by `feasigrasp_lab.training.train_hidden_side`.
 
-#: Where the trained weights are.
-DEFAULT_WEIGHTS = WEIGHTS / "hidden_side.npz"
 _FILE = WeightsFormat("hidden side", "feasigrasp hidden_side 2", "feasigrasp train hidden-side")
 #: Channels of a picture, see `hidden_side.features`. Source: layout: input of the network.
 FEATURES = 7
@@ -171,17 +167,13 @@ class HiddenSide:
         _FILE.save(filename, {"channels": self.channels}, self._weights)
 
     @classmethod
-    def load(cls, filename: Path = DEFAULT_WEIGHTS) -> HiddenSide:
+    def load(cls, filename: Path = WEIGHTS / "hidden_side.npz") -> Self:
         """Reads weights that `save` wrote.
 
         Raises:
             WeightsError: There is no such file, or it is of something else.
         """
-        return _FILE.load(filename, cls._of)
-
-    @classmethod
-    def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> HiddenSide:
-        return cls(header["channels"], arrays)
+        return _FILE.load(filename, lambda header, arrays: cls(header["channels"], arrays))
 
     def _block(self, name: str, x: Float32) -> Float32:
         """Two convolutions, each followed by ``x * sigmoid(x)``."""
@@ -206,10 +198,7 @@ def _shapes(channels: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
     blocks = {f"down.{k}": pair for k, pair in enumerate(itertools.pairwise(ways))}
     for k, (a, b) in enumerate(itertools.pairwise(channels)):
         blocks[f"up.{k}"] = (a + b, a)
-    shapes: dict[str, tuple[int, ...]] = {
-        "head.weight": (2, channels[0], 1, 1),
-        "head.bias": (2,),
-    }
+    shapes: dict[str, tuple[int, ...]] = {"head.weight": (2, channels[0], 1, 1), "head.bias": (2,)}
     for name, (inputs, outputs) in blocks.items():
         for layer, before in ((0, inputs), (2, outputs)):
             shapes[f"{name}.{layer}.weight"] = (outputs, before, 3, 3)

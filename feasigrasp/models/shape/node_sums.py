@@ -10,8 +10,6 @@ Measured on a 2.5 GHz Cascade Lake core, ns per point pair: one loop with ``sqrt
 3.9; the same in 512-bit registers 2.5; as it is here 1.7.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from feasigrasp.models.arrays import Array

@@ -13,8 +13,6 @@ cloud of the surroundings, with three things that a scene needs:
 - What is behind a surface was not seen. Up to ``thickness`` behind it counts as inside.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any
@@ -30,7 +28,7 @@ from feasigrasp.models.clouds.checks import MIN_POINTS, directions_to_camera
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
 from feasigrasp.models.clouds.observed_space import SCENE_VOXEL
 from feasigrasp.models.quantities import POINTS, VIEW, ArrayOf, Bound, NotNegative, Positive
-from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
+from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 #: Edge length of the cubes with a field each [m], and how it is fitted. Source: guessed.
@@ -72,7 +70,6 @@ class SceneField(Frozen):
     unobserved: Annotated[Array, _UNOBSERVED] = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
-        """Checks and freezes the arrays."""
         check_fields(self, PointCloudError)
         if self.cube.size and not 0 <= self.cube.min() <= self.cube.max() < len(self.fields):
             raise PointCloudError(f"SceneField.cube is outside 0 ... {len(self.fields) - 1}")
@@ -100,7 +97,7 @@ class SceneField(Frozen):
         Raises:
             PointCloudError: If x has another shape, or holds NaN or infinity.
         """
-        x = checked_queries(x)
+        x = np.asarray(x)
         distance, gradient = np.full(len(x), max_distance), np.zeros_like(x)
         reach = max_distance + self.resolution  # a foot lies within a voxel of an observed point
         apart, nearest = self._tree.query(x, distance_upper_bound=reach)
@@ -144,7 +141,7 @@ class SceneField(Frozen):
         """
         radius = 0.5 * SCENE_VOXEL
         reach = max_distance + radius
-        nearest, _ = self._unobserved_tree.query(checked_queries(x), distance_upper_bound=reach)
+        nearest, _ = self._unobserved_tree.query(np.asarray(x), distance_upper_bound=reach)
         return np.asarray(nearest - radius)
 
     def _feet(self, x: Array, nearest: Indices) -> tuple[Array, Array]:
@@ -193,7 +190,7 @@ def fit_scene(
     """
     # Points this far around a cube take part in its field, so that neighbours agree [m].
     rim = 0.04
-    cloud = checked_queries(points)
+    cloud = np.asarray(points)
     if len(cloud) < MIN_POINTS:
         raise PointCloudError(
             f"{len(cloud)} points of the scene; a field needs at least {MIN_POINTS}. Is the label "

@@ -101,7 +101,7 @@ class Guard:
                 self._lcm.HandleSubscriptions(100)
             elif not self._lcm.HandleSubscriptions(0):
                 self.coast()
-                time.sleep(0.1 * self._guard.period)
+                time.sleep(0.1 * self._guard.clock.period)
         if error := self._error():
             raise HardwareError(error)
 
@@ -135,8 +135,8 @@ class Guard:
 
     def _gives_way(self) -> bool:
         """Whether it was stopped for so long that the standby has the arm."""
-        came_at = np.fmax(self._idle_at, self._guard.due)
-        late = self._clock() - came_at > ANSWER * self._guard.cycle
+        came_at = np.fmax(self._idle_at, self._guard.clock.due)
+        late = self._clock() - came_at > ANSWER * self._guard.clock.shortest
         self._gave_way |= bool(self._backed and self._guard.moving and late)
         return self._gave_way
 
@@ -247,7 +247,7 @@ class Standby(Guard):
             super()._send(q)
             self._last, self._in_place = q, self._guard.moving
         else:
-            self._ready, self._due = q, self._clock() + ANSWER * self._guard.cycle
+            self._ready, self._due = q, self._clock() + ANSWER * self._guard.clock.shortest
 
 
 def refuse_if_commanded(lcm: DrakeLcm) -> None:

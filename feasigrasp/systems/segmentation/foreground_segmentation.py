@@ -13,8 +13,7 @@ from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.segmentation.camera_view import CameraView
-from feasigrasp.models.segmentation.foreground import Known, Label, segment
+from feasigrasp.models.segmentation.foreground import CameraView, Known, Label, segment
 from feasigrasp.models.segmentation.modeled_bodies import Kind, ModeledBodies, in_color_gate
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, evaluate

@@ -31,8 +31,9 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 
 from feasigrasp.models.objects.distractor_bodies import DistractorBody
-from feasigrasp.models.objects.mesh import write_obj
+from feasigrasp.models.objects.mesh import obj_text
 from feasigrasp.models.objects.rigid_object import RigidObject, write_mesh
+from feasigrasp.outputs import write_text
 from feasigrasp.scenario.schema import ObjectConfig
 from feasigrasp.systems.ports import declare_output
 
@@ -97,7 +98,7 @@ def add_distractor_bodies(
     frames = []
     for label, body in enumerate(bodies, start=first_label):
         path = Path(directory) / f"{body.name}.obj"
-        write_obj(path, np.asarray(body.mesh.vertices), np.asarray(body.mesh.faces))
+        write_text(path, obj_text(body.mesh))
         frame = scene_graph.RegisterFrame(source, GeometryFrame(body.name))
         geometry = GeometryInstance(RigidTransform(), Mesh(str(path)), body.name)
         geometry.set_illustration_properties(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from feasigrasp.models.grasps.convex_width import is_wider
+from feasigrasp.models.grasps.filter import is_wider
 
 RNG = np.random.default_rng(0)
 OPENING, AWAY = 0.08, 0.5

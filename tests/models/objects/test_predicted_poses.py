@@ -3,8 +3,7 @@
 import numpy as np
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.predicted_poses import PredictionModel, predicted_poses
-from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.objects.prediction import MotionEstimate, PredictionModel, predicted_poses
 
 X_WO = se3.make_pose(se3.so3_exp([0.1, 0.2, 0.3]), [0.5, 0.1, 0.4])
 V_WO = np.array([0.0, 0.1, 0.3, 0.1, -0.2, 0.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.predicted_poses import PredictionModel
+from feasigrasp.models.objects.prediction import PredictionModel
 from feasigrasp.models.reach.interception import (
     InterceptionOptions,
     Situation,

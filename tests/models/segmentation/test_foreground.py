@@ -9,9 +9,8 @@ from scipy import ndimage
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.components import MIN_PIXELS, find_components
-from feasigrasp.models.segmentation.foreground import Known, Label, segment
+from feasigrasp.models.segmentation.foreground import CameraView, Known, Label, segment
 from feasigrasp.models.segmentation.modeled_bodies import Boxes, Kind, ModeledBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 

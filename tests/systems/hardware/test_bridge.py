@@ -122,7 +122,7 @@ def test_behind_a_driver_at_1_khz_the_guard_keeps_the_limits_in_its_cycles(name)
             request.utime, request.num_joints = 1_000 * driver.cycle, arm.joints
             request.joint_position = list(asked)
             lcm.Publish(channels.IIWA_REQUEST, request.encode())
-    assert guard.dropped.total() == 0 and guard._guard.period == pytest.approx(0.001)
+    assert guard.dropped.total() == 0 and guard._guard.clock.period == pytest.approx(0.001)
     held = np.array(driver.held)
     v = np.diff(held, axis=0) / 0.001
     a = np.diff(v, axis=0) / 0.001

@@ -1,7 +1,5 @@
 """What the kernels of a plan share: its knots, the grasps, and the quadratic form of its cost."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from feasigrasp.models.arrays import Array, Float32, Indices

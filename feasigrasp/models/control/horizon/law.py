@@ -8,10 +8,9 @@ selected one: in task space the negative log density of a Riemannian mixture, in
 distance field over their inverse kinematics solutions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Self
 
 import numpy as np
 
@@ -32,7 +31,7 @@ from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.continuation import branch_kernel, redundancy_kernel
-from feasigrasp.models.objects.predicted_poses import PredictionModel
+from feasigrasp.models.objects.prediction import PredictionModel
 from feasigrasp.models.quantities import Count, NotNegative, Positive
 from feasigrasp.models.reach.interception import (
     InterceptionOptions,
@@ -52,6 +51,8 @@ _SAME_GRASP = np.array([0.012, 0.25])
 _NEIGHBOUR, _SAME_ARM = np.array([0.05, 0.6]), 0.6
 
 
+#: No grasp. Source: definition.
+_NO_GRASP = Neighbours(np.zeros((0, 4, 4)), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
 #: No object to keep off. Source: definition.
 _NO_SURFACE = ObstacleGrid(np.zeros((0, 0, 0), dtype=np.float32), np.zeros(5))
 
@@ -98,10 +99,7 @@ class HorizonPlan(Frozen):
     Attributes:
         time: When it was made [s].
         v: Joint velocities at the knots, shape (N + 1, 7) [rad/s]; None before the first plan.
-        grasps: The selected grasp and its neighbours in O, shape (m, 4, 4) [m]; m = 0 without one.
-        branch: Their inverse-kinematics branches, shape (m,).
-        psi: Their arm angles, shape (m,) [rad].
-        penalty: By how much they cost more than the selected one, shape (m,) [s].
+        near: The selected grasp and its neighbours; none without one.
         arrival: Interception time of the selected one [s].
         q: Configuration then, shape (7,) [rad].
         v_arrival: Its velocity, shape (7,) [rad/s].
@@ -112,10 +110,7 @@ class HorizonPlan(Frozen):
 
     time: float = -np.inf
     v: Array | None = None
-    grasps: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
-    branch: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    psi: Array = field(default_factory=lambda: np.zeros(0))
-    penalty: Array = field(default_factory=lambda: np.zeros(0))
+    near: Neighbours = _NO_GRASP
     arrival: float = 0.0
     q: Array = field(default_factory=lambda: np.zeros(0))
     v_arrival: Array = field(default_factory=lambda: np.zeros(0))
@@ -126,11 +121,11 @@ class HorizonPlan(Frozen):
     @property
     def X_OG(self) -> Array | None:
         """The selected grasp, shape (4, 4) [m]; None without one."""
-        return self.grasps[0] if len(self.grasps) else None
+        return self.near.X_OG[0] if len(self.near.X_OG) else None
 
-    def without_grasp(self, time: float) -> HorizonPlan:
+    def without_grasp(self, time: float) -> Self:
         """The plan at a time [s], with no grasp selected."""
-        return replace(self, time=time, grasps=np.zeros((0, 4, 4)))
+        return replace(self, time=time, near=_NO_GRASP)
 
 
 @checked(ControlError)
@@ -172,9 +167,6 @@ def next_plan(
     joints = reachability.arm.joints
     v, X_FG = _shifted(before, now, program), reachability.gripper.X_FG
     knots = _knots(now, v, program)
-    found = Neighbours(
-        np.array(plan.grasps), np.array(plan.branch), np.array(plan.psi), np.array(plan.penalty)
-    )
     meeting = Meeting(
         *(np.array(now.q), np.array(now.v), plan.arrival - now.time),
         *(np.array(plan.q), np.array(plan.v_arrival)),
@@ -183,9 +175,9 @@ def next_plan(
     grid, clearance = surface or _NO_SURFACE, program.safety.object_clearance
     kept_off = Surface(_open_hand(reachability.gripper), grid.values, grid.frame, clearance)
     corridor = options.corridor.parameters
-    _shared_kernel(knots, found, meeting, kept_off, corridor, X_FG, program.record, form)
+    _shared_kernel(knots, plan.near, meeting, kept_off, corridor, X_FG, program.record, form)
     add = density_kernel if space == ControlSpace.TASK else distance_kernel
-    add(knots, found, corridor, se3.inverse(X_FG), program.record, form)
+    add(knots, plan.near, corridor, se3.inverse(X_FG), program.record, form)
     solved = solve_program(now.q, v, form, program)
     if solved is None:  # brake
         solved = v[0] * np.linspace(1.0, 0.0, n + 1)[:, None]
@@ -247,29 +239,12 @@ def _committed(before: HorizonPlan, now: Situation, X_OG: Array, chain: Array) -
     """The plan before with the grasp that the hand closes on, in the present configuration."""
     plan = replace(before, time=now.time, arrival=now.time)
     if before.X_OG is not None and np.array_equal(X_OG, before.X_OG):
-        return _of_first(plan)
+        X_OG, branch, psi, penalty = before.near
+        return replace(plan, near=Neighbours(X_OG[:1], branch[:1], psi[:1], penalty[:1]))
     q = np.array(now.q)
     branch, psi = np.array([branch_kernel(chain, q)]), np.array([redundancy_kernel(chain, q)])
-    return replace(
-        plan,
-        grasps=np.array(X_OG)[None],
-        branch=branch,
-        psi=psi,
-        penalty=np.zeros(1),
-        q=q,
-        v_arrival=np.zeros(len(q)),
-    )
-
-
-def _of_first(plan: HorizonPlan) -> HorizonPlan:
-    """The plan with the selected grasp alone."""
-    return replace(
-        *(plan,),
-        grasps=plan.grasps[:1],
-        branch=plan.branch[:1],
-        psi=plan.psi[:1],
-        penalty=plan.penalty[:1],
-    )
+    near = Neighbours(np.array(X_OG)[None], branch, psi, np.zeros(1))
+    return replace(plan, near=near, q=q, v_arrival=np.zeros(len(q)))
 
 
 def _selected(
@@ -291,7 +266,7 @@ def _selected(
                 return plan
             kept, worth = (X_OG[same], score[same]) if same >= 0 else (before.X_OG, before.score)
             X_OG, score = np.concatenate([X_OG, kept[None]]), np.append(score, worth)
-            present = int(before.branch[0]), float(before.psi[0])
+            present = int(before.near.branch[0]), float(before.near.psi[0])
     plan = replace(plan, ranked=time)
     if len(X_OG) == 0:
         return plan.without_grasp(time)
@@ -304,12 +279,10 @@ def _selected(
         waits = present is not None and time < before.seen + options.patience
         return plan if waits else plan.without_grasp(time)
     near = _neighbours(best, X_OG, found, options.neighbours)
+    penalty = np.maximum(found.cost[near] - found.cost[best], 0.0)
     return replace(
         plan,
-        grasps=X_OG[near],
-        branch=found.branch[near],
-        psi=found.psi[near],
-        penalty=np.maximum(found.cost[near] - found.cost[best], 0.0),
+        near=Neighbours(X_OG[near], found.branch[near], found.psi[near], penalty),
         arrival=time + float(found.arrival[best]),
         q=found.q[best],
         v_arrival=found.v[best],

@@ -14,8 +14,6 @@ with the limits V, A and the gain g of the safety filter. Velocities and acceler
 of a motion at frequency w.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple

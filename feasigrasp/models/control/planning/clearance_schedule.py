@@ -5,8 +5,6 @@ not quite at its estimated pose. And a hand that has the object between its fing
 for any grasp that it goes for, cannot turn round it: it has to step back first.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -23,10 +21,7 @@ from feasigrasp.models.grasps.approach_corridor import (
 )
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import (
-    pose_and_jacobian,
-    pose_jacobian_kernel,
-)
+from feasigrasp.models.robot.kinematics import pose_and_jacobian, pose_jacobian_kernel
 
 # Unobserved surface gives way to a hand that is lined up with a grasp in it.
 #

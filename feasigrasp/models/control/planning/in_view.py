@@ -8,8 +8,6 @@ the cone's edge the velocity is the one nearest to what is wanted with ``a' >= -
 cone, it leads back.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from feasigrasp.models.arrays import Array

@@ -9,8 +9,6 @@ turn about its axis. The arm goes to the one that it is soonest at; where it can
 camera looks from all round the place, and from nearer and farther.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +53,6 @@ class SearchTarget(Frozen):
     age: float
 
     def __post_init__(self) -> None:
-        """Freezes the array."""
         self._freeze(X_WO=np.array(self.X_WO, dtype=float))
 
 

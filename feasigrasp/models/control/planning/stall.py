@@ -4,9 +4,8 @@ The hand goes for grasps with a probability of 0.5 and a sufficient payload scor
 reach, both thresholds decay exponentially; they recover at the same rate.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -66,11 +65,11 @@ class Attempt(Frozen):
             kept &= np.max(grasp_errors(grasps.X_OG, X_OG) / _LIKE_IT, axis=1) > 1.0
         return kept
 
-    def interrupted(self, time: float) -> Attempt:
+    def interrupted(self, time: float) -> Self:
         """The attempt during a gap without data."""
         return replace(self, left=np.inf, since=np.nan, time=time)
 
-    def _relaxed(self, time: float, grasps: GraspSet) -> Attempt:
+    def _relaxed(self, time: float, grasps: GraspSet) -> Self:
         """The same at a time, with its relaxation.
 
         Thresholds that recovered at once would make grasps near them come and go.
@@ -80,7 +79,7 @@ class Attempt(Frozen):
         relaxation = max(0.0, self.relaxation - since) if good else self.relaxation + since
         return replace(self, time=time, relaxation=relaxation)
 
-    def advanced(self, time: float, X_OH: Array, grasps: GraspSet, patience: float) -> Attempt:
+    def advanced(self, time: float, X_OH: Array, grasps: GraspSet, patience: float) -> Self:
         """The attempt at a time.
 
         Args:

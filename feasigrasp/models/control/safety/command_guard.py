@@ -7,8 +7,6 @@ controller asks for within all limits (`drive_step_kernel`), and when nothing ha
 with is then a position at rest. It also keeps the clearances of a `SafetyFilter` of its own.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import replace
 
@@ -35,6 +33,7 @@ class CommandGuard:
     been missing for `SILENCE`. Where cycles were left out, it goes on from rest.
 
     Attributes:
+        clock: The driver's cycles.
         moving: Whether any joint is still commanded to move.
         received: Whether there is a request that is not too old.
         contested: Whether two controllers request positions.
@@ -85,7 +84,7 @@ class CommandGuard:
         Raises:
             ControlError: Another period or speed.
         """
-        self._clock, self._speed, self._arm = DriverClock(period, self.SILENCE), speed, arm
+        self.clock, self._speed, self._arm = DriverClock(period, self.SILENCE), speed, arm
         self._safety, self._obstacles = safety, obstacles
         self._q, self._v = np.full(self._arm.joints, np.nan), np.zeros(self._arm.joints)
         # By the driver's cycles; stamps of requests are of the clock of whoever sends them.
@@ -100,21 +99,6 @@ class CommandGuard:
         self._starting = True
         self.moving = self.received = self.contested = False
         self.refused = ""
-
-    @property
-    def period(self) -> float:
-        """The driver's [s]."""
-        return self._clock.period
-
-    @property
-    def cycle(self) -> float:
-        """Shortest cycle of late by this computer's clock [s]."""
-        return self._clock.shortest
-
-    @property
-    def due(self) -> float:
-        """When the next status is due by this computer's clock [s]; NaN if that is unknown."""
-        return self._clock.due
 
     @property
     def joints(self) -> int:
@@ -146,7 +130,7 @@ class CommandGuard:
         sent = self._recent.get(stamp, q.tobytes())
         stamps = [*self._recent][1 - self.COUNTED :]
         often = len(stamps) == self.COUNTED - 1 and step > 0.0 and not self._starting
-        often = often and stamp - stamps[0] < JITTER * len(stamps) * self._clock.period
+        often = often and stamp - stamps[0] < JITTER * len(stamps) * self.clock.period
         strange = abs(ahead - self._ahead) > self.MAX_DRIFT or 0.0 < abs(step) < 0.5 * SHORTEST
         if strange or often or sent != q.tobytes():
             self._others.append(self._time)
@@ -174,9 +158,9 @@ class CommandGuard:
             held: Positions that the driver holds by its message [rad], shape (7,).
             now: This computer's monotonic clock [s]; without it stamps alone count.
         """
-        missing = self._clock.missing
-        tick = self._clock.tick(time, now)
-        self._time += self._clock.passed
+        missing = self.clock.missing
+        tick = self.clock.tick(time, now)
+        self._time += self.clock.passed
         if tick is Tick.BEGIN:
             self._since, self._received_at, self.refused = self._time, -np.inf, ""
             self._starting = True
@@ -189,9 +173,9 @@ class CommandGuard:
         if tick in (Tick.BEGIN, Tick.GAP) or self._starting:
             self._rest(measured, held)
         if self._starting and self._time - self._since >= self.START_AFTER - 1e-9:
-            self._starting, self.refused = False, self._clock.measure()
+            self._starting, self.refused = False, self.clock.measure()
             if self._safety is not None and not self.refused:
-                options = replace(self._safety.options, period=self._clock.period)
+                options = replace(self._safety.options, period=self.clock.period)
                 self._safety = replace(self._safety, options=options)
         if tick is Tick.NONE or self._starting or self.refused:
             return None
@@ -208,9 +192,9 @@ class CommandGuard:
         Args:
             now: This computer's monotonic clock [s].
         """
-        if self._starting or self.refused or not self.moving or not self._clock.is_missing(now):
+        if self._starting or self.refused or not self.moving or not self.clock.is_missing(now):
             return None
-        self._time += self._clock.passed
+        self._time += self.clock.passed
         self._unanswered = 0
         self._step(self._measured)
         self._coasted.append(self._q)
@@ -223,12 +207,12 @@ class CommandGuard:
             q: The position [rad], shape (7,).
             last: The one before [rad], shape (7,).
         """
-        self._q, self._v = q, (q - last) / (self._clock.period * self._clock.rate)
+        self._q, self._v = q, (q - last) / (self.clock.period * self.clock.rate)
         self.moving = bool(np.any(self._v != 0.0))
 
     def _was_received(self, held: Array) -> bool:
         """Whether the driver holds one of the positions that were sent while statuses missed."""
-        step = 0.5 * self._clock.period * max(np.abs(self._v).max(), 1e-6)
+        step = 0.5 * self.clock.period * max(np.abs(self._v).max(), 1e-6)
         return any(np.abs(held - q).max() <= step for q in self._coasted)
 
     def _rest(self, measured: Array, held: Array | None) -> None:
@@ -243,9 +227,9 @@ class CommandGuard:
     def _step(self, measured: Array) -> None:
         self._measured = measured
         # Of the time that passes by either clock.
-        period, age = self._clock.period * self._clock.rate, self._time - self._received_at
+        period, age = self.clock.period * self.clock.rate, self._time - self._received_at
         near = np.abs(self._requested - measured).max() <= self.MAX_DISTANCE
-        alone = self._clock.missing * self._clock.period
+        alone = self.clock.missing * self.clock.period
         recent = max(age, alone) <= self.DEADLINE + 1e-9
         self.received = bool(recent and near and not self.contested)
         wish = np.zeros(self._arm.joints)

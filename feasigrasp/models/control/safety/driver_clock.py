@@ -5,8 +5,6 @@ step of the commanded position per cycle therefore has the velocity that it is m
 per message has not: messages are lost, doubled, overtaken or forged, and clocks are set.
 """
 
-from __future__ import annotations
-
 import statistics
 from collections import deque
 from enum import Enum, auto

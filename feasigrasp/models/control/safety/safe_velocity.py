@@ -23,10 +23,8 @@ finite and continuous whatever comes in. The solver is DAQP (Arnstrom et al., "A
 solver for embedded quadratic programming using recursive LDL' updates", TAC 2022).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, fields
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import daqp
 import numpy as np
@@ -110,7 +108,7 @@ class SafetyOptions:
 
     @classmethod
     @checked(ControlError)
-    def of(cls, arm: Arm) -> SafetyOptions:
+    def of(cls, arm: Arm) -> Self:
         """The defaults for an arm, approaching no quicker than it can stop."""
         scale, margin = arm.acceleration_share, arm.position_margin
         gain = min(cls.approach_gain, arm.braking_rate(cls.speed * cls.velocity_scale, scale))

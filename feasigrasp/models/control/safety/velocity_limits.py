@@ -43,14 +43,7 @@ itself.
 import numpy as np
 
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.robot.arm import (
-    ACCELERATION,
-    COMMANDED,
-    LOWER,
-    MARGIN,
-    UPPER,
-    VELOCITY,
-)
+from feasigrasp.models.robot.arm import ACCELERATION, COMMANDED, LOWER, MARGIN, UPPER, VELOCITY
 
 #: A command beyond this multiple of the velocity limits is a fault of the controller.
 #: Source: guessed.

@@ -4,8 +4,6 @@ All of it moves with the object: translations leave it as it is, rotations turn 
 order of the points gives the same rows in that order.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

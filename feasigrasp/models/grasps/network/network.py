@@ -12,8 +12,6 @@ It is exactly equivariant: grasps move with the object. It runs without torch; i
 training, is `feasigrasp_lab.networks.ContactNetwork`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -188,7 +186,6 @@ class GraspProposals(Frozen):
     approach_score: Array
 
     def __post_init__(self) -> None:
-        """Makes the arrays read-only."""
         self._freeze(**vars(self))
 
 

@@ -6,8 +6,6 @@ object's pose; they give a network the estimates of the distance field: certaint
 and what a finger opposite would meet.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -20,8 +20,6 @@ from a reference direction that rotates along. The kernels take float32, to run,
 prove it to rounding.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

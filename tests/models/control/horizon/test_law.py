@@ -18,7 +18,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.continuation import branch_kernel
 from feasigrasp.models.ik.self_motion import arm_angle_kernel
 from feasigrasp.models.objects.motion import HarmonicMotion
-from feasigrasp.models.objects.predicted_poses import PredictionModel
+from feasigrasp.models.objects.prediction import PredictionModel
 from feasigrasp.models.reach.interception import Situation, find_interceptions
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -190,7 +190,7 @@ def test_another_grasp_is_selected_if_it_saves_enough(seconds, switches):
     """0.3 s by default."""
     first, other = X_OG, shifted(0.03)
     selection = Selection(grasps(first))
-    present = int(selection.plan.branch[0]), float(selection.plan.psi[0])
+    present = int(selection.plan.near.branch[0]), float(selection.plan.near.psi[0])
     score = saving(first, other)(seconds, present)
     assert 0.05 < score < 1.0
     two = GraspSet(np.array([first, other]), np.full(2, 0.04), np.array([score, 1.0]))
@@ -202,7 +202,7 @@ def test_without_hysteresis_the_better_one_is_selected():
     first, other, options = X_OG, shifted(0.03), replace(OPTIONS, switch=0.0)
     for seconds, best in ((0.02, other), (-0.02, first)):
         selection = Selection(grasps(first), options)
-        present = int(selection.plan.branch[0]), float(selection.plan.psi[0])
+        present = int(selection.plan.near.branch[0]), float(selection.plan.near.psi[0])
         score = saving(first, other)(seconds, present)
         two = GraspSet(np.array([first, other]), np.full(2, 0.04), np.array([score, 1.0]))
         np.testing.assert_array_equal(selection.go_on(0.2, two), best)
@@ -244,12 +244,12 @@ def test_a_grasp_that_cannot_be_met_any_more_is_followed_for_a_while():
 def test_a_grasp_that_is_sampled_anew_is_the_same_one():
     """Its place follows, and the arm angle stays, while others save nothing."""
     selection = Selection(grasps(X_OG))
-    psi = selection.plan.psi[0]
+    psi = selection.plan.near.psi[0]
     for k in range(1, 7):
         moved = shifted(0.006 * k, 0.05 * k)
         np.testing.assert_array_equal(selection.go_on(0.1, grasps(moved)), moved)
         assert selection.plan.seen == pytest.approx(selection.time)
-    assert selection.plan.psi[0] == psi
+    assert selection.plan.near.psi[0] == psi
 
 
 def test_a_hand_that_closes_keeps_to_the_first_grasp_in_its_configuration():
@@ -257,9 +257,9 @@ def test_a_hand_that_closes_keeps_to_the_first_grasp_in_its_configuration():
     selected = selection.go_on(STEP, grasps(first, X_OG), committed=True)
     np.testing.assert_array_equal(selected, first)
     plan = selection.plan
-    assert len(plan.grasps) == len(plan.penalty) == 1
-    assert plan.branch.tolist() == [branch_kernel(IIWA_7.chain, Q)]
-    assert plan.psi[0] == pytest.approx(arm_angle_kernel(IIWA_7.chain, Q))
+    assert len(plan.near.X_OG) == len(plan.near.penalty) == 1
+    assert plan.near.branch.tolist() == [branch_kernel(IIWA_7.chain, Q)]
+    assert plan.near.psi[0] == pytest.approx(arm_angle_kernel(IIWA_7.chain, Q))
     np.testing.assert_array_equal(plan.q, Q)
 
 
@@ -268,8 +268,8 @@ def test_a_hand_that_closes_on_the_grasp_it_went_for_keeps_its_configuration():
     before = selection.plan
     selection.go_on(STEP, grasps(before.X_OG), committed=True)
     plan = selection.plan
-    assert len(before.grasps) == 2 and len(plan.grasps) == len(plan.penalty) == 1
-    assert (plan.branch[0], plan.psi[0]) == (before.branch[0], before.psi[0])
+    assert len(before.near.X_OG) == 2 and len(plan.near.X_OG) == len(plan.near.penalty) == 1
+    assert (plan.near.branch[0], plan.near.psi[0]) == (before.near.branch[0], before.near.psi[0])
     assert plan.arrival == plan.time
 
 
@@ -309,15 +309,16 @@ def test_neighbours_are_near_and_held_alike():
     noise = rng.uniform(-1.0, 1.0, (60, 6)) * np.repeat([0.5, 0.05], 3)
     offered = GraspSet(X_OG @ se3.exp(noise), np.full(60, 0.04), np.ones(60)).with_symmetric()
     plan = planned(HorizonPlan(), at(), offered, replace(OPTIONS, neighbours=30))
-    errors = grasp_errors(plan.grasps, plan.X_OG)
-    assert 3 <= len(plan.grasps) < 30
+    errors = grasp_errors(plan.near.X_OG, plan.X_OG)
+    assert 3 <= len(plan.near.X_OG) < 30
     assert (errors < [0.05, 0.6]).all() and errors[0] == pytest.approx(0.0, abs=1e-6)
-    assert (plan.branch == plan.branch[0]).all()
-    assert plan.penalty[0] == 0.0 and (plan.penalty >= 0.0).all() and plan.penalty.max() > 0.0
+    assert (plan.near.branch == plan.near.branch[0]).all()
+    penalty = plan.near.penalty
+    assert penalty[0] == 0.0 and (penalty >= 0.0).all() and penalty.max() > 0.0
     found = find_interceptions(offered.X_OG, offered.score, at(), REACH, OPTIONS.interception)
     assert found.cost.min() == found.cost[np.abs(offered.X_OG - plan.X_OG).max(axis=(1, 2)) == 0]
     # Of them the nearest, as many as may be.
     nearest = np.argsort((errors / [0.05, 0.6]).max(axis=1), kind="stable")
     for most in (1, 3):
         few = planned(HorizonPlan(), at(), offered, replace(OPTIONS, neighbours=most))
-        np.testing.assert_array_equal(few.grasps, plan.grasps[nearest][:most])
+        np.testing.assert_array_equal(few.near.X_OG, plan.near.X_OG[nearest][:most])
