@@ -68,25 +68,10 @@ class GraspController(LeafSystem):
     .. pydrake_system::
 
         name: GraspController
-        input_ports:
-        - position
-        - grasps
-        - object_pose
-        - object_velocity
-        - desired_velocity
-        - scene
-        - static_obstacles
-        - object_motion
-        - phase
-        - gpdf
-        - touch
-        - camera_pose
-        - search_target
-        - tracking
-        - plan
-        output_ports:
-        - commanded_velocity
-        - chosen_grasp
+        input_ports: [position, grasps, object_pose, object_velocity, desired_velocity, scene,
+          static_obstacles, object_motion, phase, gpdf, touch, camera_pose, search_target, tracking,
+          plan]
+        output_ports: [commanded_velocity, chosen_grasp]
 
     ``position`` and ``commanded_velocity`` are V7 [rad], [rad/s]; ``grasps`` is a `GraspSet` in the
     object frame, reachable ones. Optional are ``desired_velocity``, the last command as the drive

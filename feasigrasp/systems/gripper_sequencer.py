@@ -49,28 +49,10 @@ class GripperSequencer(LeafSystem):
     .. pydrake_system::
 
         name: GripperSequencer
-        input_ports:
-        - position
-        - grasps
-        - object_pose
-        - object_velocity
-        - object_motion
-        - gripper_state
-        - gpdf
-        - tracking
-        - perceived
-        - lapsed
-        - arrival
-        output_ports:
-        - grasps
-        - gpdf
-        - object_pose
-        - object_velocity
-        - object_motion
-        - gripper_position
-        - object_hold
-        - phase
-        - search_target
+        input_ports: [position, grasps, object_pose, object_velocity, object_motion, gripper_state,
+          gpdf, tracking, perceived, lapsed, arrival]
+        output_ports: [grasps, gpdf, object_pose, object_velocity, object_motion, gripper_position,
+          object_hold, phase, search_target]
 
     It stands between the reachability filter and a controller, and passes grasps, object pose and
     twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is

@@ -52,17 +52,9 @@ class Metrics(LeafSystem):
     .. pydrake_system::
 
         name: Metrics
-        input_ports:
-        - state
-        - object_pose
-        - frame_pose
-        - tracked_pose
-        - grasps
-        - phase
-        - sampled_grasps
-        - view_time
-        output_ports:
-        - sample
+        input_ports: [state, object_pose, frame_pose, tracked_pose, grasps, phase, sampled_grasps,
+          view_time]
+        output_ports: [sample]
 
     ``state`` is the arm's V14 state, ``object_pose`` the true one, X_WB, ``frame_pose`` the true
     pose X_WO of the object frame in which the grasps are, where that is not the object's own (see

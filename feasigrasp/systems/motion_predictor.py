@@ -67,12 +67,8 @@ class MotionPredictor(LeafSystem):
     .. pydrake_system::
 
         name: MotionPredictor
-        input_ports:
-        - object_pose
-        - object_velocity
-        - object_motion
-        output_ports:
-        - object_motion
+        input_ports: [object_pose, object_velocity, object_motion]
+        output_ports: [object_motion]
 
     Inputs are outputs of a tracker; its ``object_motion`` is optional. The output is a
     `CustomMotion`.

@@ -101,18 +101,8 @@ class PointCloudToGPDF(LeafSystem):
     .. pydrake_system::
 
         name: PointCloudToGPDF
-        input_ports:
-        - point_cloud
-        - image_time
-        - object_pose
-        - camera_pose
-        - tracking
-        - outline
-        output_ports:
-        - gpdf
-        - perceived
-        - view_time
-        - view_faults
+        input_ports: [point_cloud, image_time, object_pose, camera_pose, tracking, outline]
+        output_ports: [gpdf, perceived, view_time, view_faults]
 
     ``point_cloud`` shows the object only, in the world frame W, at ``image_time`` (V1) [s], NaN
     before the first image, or now if that is left open; ``object_pose`` X_WO and ``camera_pose``

@@ -42,13 +42,8 @@ class PointCloudToScene(LeafSystem):
     .. pydrake_system::
 
         name: PointCloudToScene
-        input_ports:
-        - point_cloud
-        - label_image
-        - camera_pose
-        - position
-        output_ports:
-        - scene
+        input_ports: [point_cloud, label_image, camera_pose, position]
+        output_ports: [scene]
 
     ``point_cloud`` is pixel-ordered, in the world frame W, ``label_image`` of the same camera,
     ``camera_pose`` X_WC a ``RigidTransform``; ``position`` (V7), optional, is that of the arm.

@@ -40,11 +40,8 @@ class PayloadFilter(LeafSystem):
     .. pydrake_system::
 
         name: PayloadFilter
-        input_ports:
-        - grasps
-        - object_pose
-        output_ports:
-        - grasps
+        input_ports: [grasps, object_pose]
+        output_ports: [grasps]
 
     ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
     ``RigidTransform``; while it is not finite, the worst direction of gravity counts, and nothing
@@ -74,12 +71,8 @@ class SceneFilter(LeafSystem):
     .. pydrake_system::
 
         name: SceneFilter
-        input_ports:
-        - grasps
-        - object_pose
-        - scene
-        output_ports:
-        - grasps
+        input_ports: [grasps, object_pose, scene]
+        output_ports: [grasps]
 
     ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
     ``RigidTransform``; ``scene`` a `SceneField` in W, or None, which drops nothing. What is dropped
@@ -133,16 +126,9 @@ class ReachabilityFilter(LeafSystem):
     .. pydrake_system::
 
         name: ReachabilityFilter
-        input_ports:
-        - grasps
-        - object_pose
-        - object_velocity
-        - object_motion
-        - position
-        - desired_velocity
-        output_ports:
-        - grasps
-        - verdicts
+        input_ports: [grasps, object_pose, object_velocity, object_motion, position,
+          desired_velocity]
+        output_ports: [grasps, verdicts]
 
     Grasps are in the object frame, before and after. A grasp and its flip about the approach
     direction are one grasp but two hand poses: both are tried by default, and both may
@@ -236,16 +222,9 @@ class FeasiblePoses(LeafSystem):
     .. pydrake_system::
 
         name: FeasiblePoses
-        input_ports:
-        - grasps
-        - gpdf
-        - object_pose
-        - object_velocity
-        - object_motion
-        - position
-        - desired_velocity
-        output_ports:
-        - feasibility
+        input_ports: [grasps, gpdf, object_pose, object_velocity, object_motion, position,
+          desired_velocity]
+        output_ports: [feasibility]
 
     Ports are those of `ReachabilityFilter`, and ``gpdf``, the object's `Gpdf`, or None, without
     which only the arm counts (optional). ``feasibility`` is a `Feasibility`, grasp by grasp as they

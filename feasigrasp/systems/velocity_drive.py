@@ -18,13 +18,8 @@ class VelocityDrive(LeafSystem):
     .. pydrake_system::
 
         name: VelocityDrive
-        input_ports:
-        - velocity
-        - position
-        output_ports:
-        - desired_state
-        - command_faults
-        - desired_velocity
+        input_ports: [velocity, position]
+        output_ports: [desired_state, command_faults, desired_velocity]
 
     ``velocity`` [rad/s] and ``position`` [rad] are V7, ``desired_state`` is V14 (positions, then
     velocities: the differences of the positions over the period) and ``desired_velocity`` its

@@ -33,12 +33,8 @@ class RgbdReceiver(LeafSystem):
     .. pydrake_system::
 
         name: RgbdReceiver
-        input_ports:
-        - message
-        output_ports:
-        - depth_image
-        - label_image
-        - stamp
+        input_ports: [message]
+        output_ports: [depth_image, label_image, stamp]
 
     ``message`` is an ``lcmt_image_array``. ``depth_image`` is ``ImageDepth32F`` [m], 0 where the
     camera measured nothing, infinite where all is too far (65535 millimetres); ``label_image`` is

@@ -24,10 +24,8 @@ class ObjectPoseSender(LeafSystem):
     .. pydrake_system::
 
         name: ObjectPoseSender
-        input_ports:
-        - pose
-        output_ports:
-        - message
+        input_ports: [pose]
+        output_ports: [message]
 
     ``pose`` is the true ``RigidTransform`` X_WO; ``message`` an ``lcmt_robot_state`` of a
     measurement, with the time at which it was made. It stays the same where one is lost.
@@ -69,11 +67,8 @@ class ObjectPoseReceiver(LeafSystem):
     .. pydrake_system::
 
         name: ObjectPoseReceiver
-        input_ports:
-        - message
-        output_ports:
-        - pose
-        - stamp
+        input_ports: [message]
+        output_ports: [pose, stamp]
 
     ``message`` is an ``lcmt_robot_state`` with the positions `POSE_NAMES` in that order, ``pose``
     the ``RigidTransform`` X_WO, NaN where the message has none, ``stamp`` its time stamp, V1 [s].

@@ -67,12 +67,8 @@ class SimulatedIiwaDriver(LeafSystem):
     .. pydrake_system::
 
         name: SimulatedIiwaDriver
-        input_ports:
-        - position
-        - torque_external
-        output_ports:
-        - position
-        - stopped
+        input_ports: [position, torque_external]
+        output_ports: [position, stopped]
 
     ``position`` is V7 [rad], for each joint of the arm, clamped to the driver's limits and kept for
     ever; ``torque_external`` is V7 [Nm]. Where that exceeds a joint's threshold the driver stops:
@@ -111,13 +107,8 @@ class Handover(LeafSystem):
     .. pydrake_system::
 
         name: Handover
-        input_ports:
-        - target
-        - gripper_state
-        output_ports:
-        - gripper_position
-        - object_hold
-        - phase
+        input_ports: [target, gripper_state]
+        output_ports: [gripper_position, object_hold, phase]
 
     ``target`` is the commanded distance between the pads [m], ``gripper_state`` the measured one
     and its rate. The phases follow from the gripper alone: it closes, and if something is between

@@ -50,24 +50,11 @@ class HardwareStation(ArmPorts):
     .. pydrake_system::
 
         name: HardwareStation
-        input_ports:
-        - arm.desired_state
-        - gripper.position
-        output_ports:
-        - arm.position_measured
-        - arm.velocity_estimated
-        - arm.torque_external
-        - gripper.state_measured
-        - object.pose
-        - object.stamp
-        - <camera>.point_cloud
-        - <camera>.depth_image
-        - <camera>.label_image
-        - <camera>.pose
-        - <camera>.pose_now
-        - <camera>.position
-        - <camera>.gripper_state
-        - <camera>.stamp
+        input_ports: [arm.desired_state, gripper.position]
+        output_ports: [arm.position_measured, arm.velocity_estimated, arm.torque_external,
+          gripper.state_measured, object.pose, object.stamp, <camera>.point_cloud,
+          <camera>.depth_image, <camera>.label_image, <camera>.pose, <camera>.pose_now,
+          <camera>.position, <camera>.gripper_state, <camera>.stamp]
 
     Of ``arm.desired_state`` (V14) the positions are sent, and nothing else: to the guard, which
     commands the arm. ``arm.velocity_estimated`` V7 [rad/s] and ``arm.torque_external`` V7 [Nm]

@@ -36,9 +36,7 @@ class CameraPictures(LeafSystem):
     .. pydrake_system::
 
         name: CameraPictures
-        input_ports:
-        - color_image
-        - label_image
+        input_ports: [color_image, label_image]
 
     The pixels of one label are tinted: they are what perception takes for the object. A black image
     is left out: it is what a camera delivers before its first one.

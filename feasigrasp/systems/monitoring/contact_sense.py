@@ -18,12 +18,8 @@ class ContactSense(LeafSystem):
     .. pydrake_system::
 
         name: ContactSense
-        input_ports:
-        - torque_external
-        - phase
-        output_ports:
-        - touch
-        - touches
+        input_ports: [torque_external, phase]
+        output_ports: [touch, touches]
 
     ``torque_external`` is V7 [Nm], ``phase`` a `Phase`. ``touch`` is V7, the torques of the contact
     that the arm should give way to [Nm], zero without one; ``touches`` is how often there was one.

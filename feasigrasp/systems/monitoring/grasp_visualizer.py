@@ -72,12 +72,7 @@ class GraspVisualizer(LeafSystem):
     .. pydrake_system::
 
         name: GraspVisualizer
-        input_ports:
-        - perceived
-        - grasps
-        - reachable
-        - phase
-        - object_pose
+        input_ports: [perceived, grasps, reachable, phase, object_pose]
 
     ``perceived`` is a `Perceived`; ``grasps`` are all sampled grasps and ``reachable`` those that
     the controller is given, flips included, both in the object frame O; ``phase`` is a `Phase`, and

@@ -44,20 +44,9 @@ class RunLog(LeafSystem):
     .. pydrake_system::
 
         name: RunLog
-        input_ports:
-        - position
-        - velocity
-        - commanded_velocity
-        - desired_state
-        - gripper_state
-        - gripper_position
-        - object_pose
-        - true_pose
-        - phase
-        - grasps
-        - chosen_grasp
-        output_ports:
-        - sample
+        input_ports: [position, velocity, commanded_velocity, desired_state, gripper_state,
+          gripper_position, object_pose, true_pose, phase, grasps, chosen_grasp]
+        output_ports: [sample]
 
     ``position`` V7 [rad] and ``velocity`` V7 [rad/s] are the arm's; ``commanded_velocity`` is the
     controller's, ``desired_state`` the V14 of the drive; ``gripper_state`` V2 is the distance

@@ -125,25 +125,10 @@ class StatusMonitor(LeafSystem):
     .. pydrake_system::
 
         name: StatusMonitor
-        input_ports:
-        - position
-        - desired_velocity
-        - object_pose
-        - tracking
-        - perceived
-        - grasps
-        - verdicts
-        - reachable
-        - phase
-        - command_faults
-        - scene
-        - touches
-        - search_target
-        - lapsed
-        - contradicted
-        output_ports:
-        - status
-        - history
+        input_ports: [position, desired_velocity, object_pose, tracking, perceived, grasps,
+          verdicts, reachable, phase, command_faults, scene, touches, search_target, lapsed,
+          contradicted]
+        output_ports: [status, history]
 
     ``position`` and ``desired_velocity`` are V7; ``object_pose`` is the tracked one, ``tracking`` a
     `Tracking`; ``perceived`` a `Perceived`; ``grasps`` what the sampler found; ``verdicts`` what

@@ -17,13 +17,8 @@ class TrueFrame(LeafSystem):
     .. pydrake_system::
 
         name: TrueFrame
-        input_ports:
-        - object_pose
-        - pose_at_view
-        - tracked_pose
-        - track
-        output_ports:
-        - frame_pose
+        input_ports: [object_pose, pose_at_view, tracked_pose, track]
+        output_ports: [frame_pose]
 
     ``object_pose`` is the true pose X_WB of the object's own frame, ``pose_at_view`` the one at the
     exposure of the image that was tracked last, and ``tracked_pose`` X_WO of the frame that the

@@ -35,12 +35,8 @@ class RemoteStage(LeafSystem):
     .. pydrake_system::
 
         name: RemoteStage
-        input_ports:
-        - <port>
-        - stamp
-        output_ports:
-        - <port>
-        - lapsed
+        input_ports: [<port>, stamp]
+        output_ports: [<port>, lapsed]
 
     Every ``period`` the values of the inputs are posted. With a ``latency``, the outputs are there
     at that simulated time after each post: the simulation waits for them, so that a run repeats bit

@@ -26,20 +26,9 @@ class ForegroundSegmentation(LeafSystem):
     .. pydrake_system::
 
         name: ForegroundSegmentation
-        input_ports:
-        - point_cloud
-        - image_time
-        - camera_pose
-        - position
-        - gripper_state
-        - object_pose
-        - tracking
-        - gpdf
-        - color_image
-        - depth_image
-        output_ports:
-        - label_image
-        - contradicted
+        input_ports: [point_cloud, image_time, camera_pose, position, gripper_state, object_pose,
+          tracking, gpdf, color_image, depth_image]
+        output_ports: [label_image, contradicted]
 
     ``point_cloud`` is pixel-ordered and in the world frame W, taken at ``image_time`` (V1) [s], NaN
     before the first image; without a time it is taken when it is read. Of the same instant are

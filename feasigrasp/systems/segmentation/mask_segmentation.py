@@ -32,15 +32,8 @@ class MaskSegmentation(LeafSystem):
     .. pydrake_system::
 
         name: MaskSegmentation
-        input_ports:
-        - point_cloud
-        - image_time
-        - camera_pose
-        - position
-        - gripper_state
-        - color_image
-        output_ports:
-        - label_image
+        input_ports: [point_cloud, image_time, camera_pose, position, gripper_state, color_image]
+        output_ports: [label_image]
 
     The ports are those of the same name of `ForegroundSegmentation`, whose place it takes.
     ``label_image`` holds a `Label` for each pixel: `Label.OBJECT` where the mask is true and the

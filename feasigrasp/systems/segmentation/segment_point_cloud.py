@@ -34,13 +34,8 @@ class SegmentPointCloud(LeafSystem):
     .. pydrake_system::
 
         name: SegmentPointCloud
-        input_ports:
-        - point_cloud
-        - label_image
-        - depth_image
-        output_ports:
-        - point_cloud
-        - outline
+        input_ports: [point_cloud, label_image, depth_image]
+        output_ports: [point_cloud, outline]
 
     ``point_cloud`` is pixel-ordered as ``DepthImageToPointCloud`` makes it, infinite where the
     camera saw nothing; ``label_image`` holds the label of the body in each pixel. The output keeps

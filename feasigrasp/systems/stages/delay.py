@@ -33,11 +33,8 @@ class Delay(LeafSystem):
     .. pydrake_system::
 
         name: Delay
-        input_ports:
-        - u
-        - stamp
-        output_ports:
-        - y
+        input_ports: [u, stamp]
+        output_ports: [y]
 
     ``u`` and ``y`` are Python objects, or vectors. The input is looked at every ``period`` seconds,
     and what has changed since the last time was made then: values come on time if they are made at

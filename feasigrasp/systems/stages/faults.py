@@ -40,11 +40,8 @@ class FaultySignal(LeafSystem):
     .. pydrake_system::
 
         name: FaultySignal
-        input_ports:
-        - <signal>
-        - <what the fault depends on>
-        output_ports:
-        - <signal>
+        input_ports: [<signal>, <what the fault depends on>]
+        output_ports: [<signal>]
 
     What is random depends on seed and time only.
     """
@@ -120,10 +117,8 @@ class FaultyDepth(LeafSystem):
     .. pydrake_system::
 
         name: FaultyDepth
-        input_ports:
-        - depth_image
-        output_ports:
-        - depth_image
+        input_ports: [depth_image]
+        output_ports: [depth_image]
     """
 
     def __init__(self, fault: DepthFault, period: float) -> None:
@@ -159,10 +154,8 @@ class FaultyPose(LeafSystem):
     .. pydrake_system::
 
         name: FaultyPose
-        input_ports:
-        - pose
-        output_ports:
-        - pose
+        input_ports: [pose]
+        output_ports: [pose]
 
     Both are ``RigidTransform`` X_WO. Earlier poses, which a fault may need, are remembered at the
     rate of the measurement. What is random depends on seed and time only.
@@ -217,10 +210,8 @@ class LateField(LeafSystem):
     .. pydrake_system::
 
         name: LateField
-        input_ports:
-        - gpdf
-        output_ports:
-        - gpdf
+        input_ports: [gpdf]
+        output_ports: [gpdf]
 
     Both are a `Gpdf` or None. What had come before the fault stays known; what is on its way when
     the fault ends has come by then. The delay is rounded up to ``period``.

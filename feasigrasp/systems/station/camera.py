@@ -38,14 +38,8 @@ class NoisyDepth(LeafSystem):
     .. pydrake_system::
 
         name: NoisyDepth
-        input_ports:
-        - depth_image
-        - label_image
-        - camera_pose
-        - object_pose
-        - stamp
-        output_ports:
-        - depth_image
+        input_ports: [depth_image, label_image, camera_pose, object_pose, stamp]
+        output_ports: [depth_image]
 
     The depth images are ``ImageDepth32F`` [m]; a pixel that was lost or is too near is 0, one that
     is too far infinite. Label image and poses, X_WC and X_WO, are the true ones of the same
@@ -126,11 +120,8 @@ class CalibratedPose(LeafSystem):
     .. pydrake_system::
 
         name: CalibratedPose
-        input_ports:
-        - true_pose
-        - position
-        output_ports:
-        - pose
+        input_ports: [true_pose, position]
+        output_ports: [pose]
 
     The poses are ``RigidTransform``, X_WC and X_WB. ``position`` V7, the true joint positions
     [rad], is for a camera on the arm: its pose is computed from encoders with zeros that err.

@@ -53,11 +53,8 @@ class Exposures(LeafSystem):
     .. pydrake_system::
 
         name: Exposures
-        input_ports:
-        - u
-        output_ports:
-        - y
-        - stamp
+        input_ports: [u]
+        output_ports: [y, stamp]
 
     ``y`` is ``u`` at the exposure of the present image, ``stamp`` (V1) the time of that [s]. Before
     the first image ``stamp`` is NaN, and ``y`` what the constructor was given. Image i shows the
@@ -141,11 +138,8 @@ class FirstImage(LeafSystem):
     .. pydrake_system::
 
         name: FirstImage
-        input_ports:
-        - image
-        - stamp
-        output_ports:
-        - image
+        input_ports: [image, stamp]
+        output_ports: [image]
 
     ``stamp`` (V1) is NaN before the first image. Until then the output is ``blank``.
     """
@@ -170,10 +164,8 @@ class CameraPose(LeafSystem):
     .. pydrake_system::
 
         name: CameraPose
-        input_ports:
-        - position
-        output_ports:
-        - pose
+        input_ports: [position]
+        output_ports: [pose]
 
     ``position`` is V7 [rad], ``pose`` X_WC a ``RigidTransform``, as the camera is calibrated.
     """

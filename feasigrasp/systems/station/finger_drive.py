@@ -14,10 +14,8 @@ class FingerDrive(LeafSystem):
     .. pydrake_system::
 
         name: FingerDrive
-        input_ports:
-        - opening
-        output_ports:
-        - desired_state
+        input_ports: [opening]
+        output_ports: [desired_state]
 
     ``opening`` is the distance between the pads [m], V1; ``desired_state`` V2, position [m] and
     velocity [m/s] of the left finger, which moves half of it: the right one mimics it. An opening

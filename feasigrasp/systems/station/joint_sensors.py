@@ -15,14 +15,8 @@ class JointSensors(LeafSystem):
     .. pydrake_system::
 
         name: JointSensors
-        input_ports:
-        - position
-        - torque_external
-        - desired_state
-        output_ports:
-        - position_measured
-        - torque_estimated
-        - true_desired_state
+        input_ports: [position, torque_external, desired_state]
+        output_ports: [position_measured, torque_estimated, true_desired_state]
 
     ``position`` and ``torque_external``, V7, are the true ones [rad], [Nm]; the first two outputs
     what the arm reports. The arm's own controller goes by the same encoders: ``desired_state`` V14

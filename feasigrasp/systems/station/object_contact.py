@@ -26,10 +26,8 @@ class ObstacleDistance(LeafSystem):
     .. pydrake_system::
 
         name: ObstacleDistance
-        input_ports:
-        - query_object
-        output_ports:
-        - distance
+        input_ports: [query_object]
+        output_ports: [distance]
 
     ``distance`` [m] is signed, negative for penetration, and infinite if nothing is there. It is
     asked of Drake for every pair of collision geometries; what the controllers know of the scene
@@ -78,11 +76,8 @@ class ObjectContact(LeafSystem):
     .. pydrake_system::
 
         name: ObjectContact
-        input_ports:
-        - contact_results
-        - phase
-        output_ports:
-        - approach
+        input_ports: [contact_results, phase]
+        output_ports: [approach]
 
     ``phase`` is a `Phase`. ``approach`` has four entries, over all past steps of the plant in
     which the hand approached: how long they were, how long of it the robot touched the object [s],

@@ -43,11 +43,8 @@ class DistractorBodies(LeafSystem):
     .. pydrake_system::
 
         name: DistractorBodies
-        input_ports:
-        - let_go
-        - time
-        output_ports:
-        - poses
+        input_ports: [let_go, time]
+        output_ports: [poses]
 
     ``let_go`` is V1, the time at which the carrier lets the object go [s], infinite before;
     ``poses`` is a ``FramePoseVector`` for the scene graph. ``time`` (V1) [s], optional, is when

@@ -27,12 +27,8 @@ class ObjectServo(LeafSystem):
     .. pydrake_system::
 
         name: ObjectServo
-        input_ports:
-        - state
-        - hold
-        output_ports:
-        - spatial_force
-        - let_go
+        input_ports: [state, hold]
+        output_ports: [spatial_force, let_go]
 
     ``state`` is the body's V13 state in the plant (quaternion wxyz, position, angular velocity,
     velocity); ``hold`` is 1 until the command to let go, and 0 from then on. ``let_go`` is V1, the

@@ -22,11 +22,8 @@ class PoseAt(LeafSystem):
     .. pydrake_system::
 
         name: PoseAt
-        input_ports:
-        - pose
-        - stamp
-        output_ports:
-        - pose
+        input_ports: [pose, stamp]
+        output_ports: [pose]
 
     Both poses are ``RigidTransform``; ``stamp`` is V1 [s]. Between the instants at which the pose
     was remembered it is a screw; before the first of them, and for a stamp that is NaN, it is the
@@ -66,12 +63,8 @@ class PositionAt(LeafSystem):
     .. pydrake_system::
 
         name: PositionAt
-        input_ports:
-        - position
-        - measured_at
-        - stamp
-        output_ports:
-        - position
+        input_ports: [position, measured_at, stamp]
+        output_ports: [position]
 
     Positions are V``n`` [rad]; ``measured_at``, when the present ones were measured, and ``stamp``
     are V1 [s]. Between two measurements positions change evenly, however far they are apart.

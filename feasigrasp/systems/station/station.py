@@ -84,31 +84,12 @@ class Station(ArmPorts):
     .. pydrake_system::
 
         name: Station
-        input_ports:
-        - arm.desired_state
-        - gripper.position
-        - object.hold
-        output_ports:
-        - arm.position_measured
-        - arm.velocity_estimated
-        - arm.state_estimated
-        - arm.torque_measured
-        - arm.torque_external
-        - gripper.state_measured
-        - object.pose
-        - object.velocity
-        - object.let_go
-        - <camera>.point_cloud
-        - <camera>.color_image
-        - <camera>.depth_image
-        - <camera>.label_image
-        - <camera>.pose
-        - <camera>.pose_now
-        - <camera>.position
-        - <camera>.gripper_state
-        - <camera>.stamp
-        - contact_results
-        - query_object
+        input_ports: [arm.desired_state, gripper.position, object.hold]
+        output_ports: [arm.position_measured, arm.velocity_estimated, arm.state_estimated,
+          arm.torque_measured, arm.torque_external, gripper.state_measured, object.pose,
+          object.velocity, object.let_go, <camera>.point_cloud, <camera>.color_image,
+          <camera>.depth_image, <camera>.label_image, <camera>.pose, <camera>.pose_now,
+          <camera>.position, <camera>.gripper_state, <camera>.stamp, contact_results, query_object]
 
     ``arm.desired_state`` and ``arm.state_estimated`` are V14 (positions [rad], velocities
     [rad/s]). The latter is true, as ``arm.velocity_estimated``, its second half; of

@@ -39,15 +39,8 @@ class SuctionSeal(LeafSystem):
     .. pydrake_system::
 
         name: SuctionSeal
-        input_ports:
-        - opening
-        - object_state
-        - body_poses
-        - body_velocities
-        - carried
-        output_ports:
-        - state
-        - spatial_force
+        input_ports: [opening, object_state, body_poses, body_velocities, carried]
+        output_ports: [state, spatial_force]
 
     ``opening`` V1 is negative while the vacuum is on [m]. Then the lip closes if it lies on the
     object's true surface as `seals` demands, and from there a damped spatial spring, as stiff as
