@@ -37,5 +37,4 @@ def added_mode(name: str) -> Mode | None:
     """
     if parse_word(mode_names(), name, "control.mode", ScenarioError) == SAFE:
         return None
-    mode: Mode = load_plugin("modes", name)
-    return mode
+    return load_plugin("modes", name)

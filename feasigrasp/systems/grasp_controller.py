@@ -56,6 +56,7 @@ from feasigrasp.systems.ports import (
     PeriodicState,
     declare_cache,
     declare_input,
+    declare_output,
     evaluate,
     optional,
     weakly,
@@ -183,9 +184,7 @@ class GraspController(LeafSystem):
         self._planning_time = 0.0
         self._search_pose = PeriodicState(self, None, ReachabilityConfig.period, self._search)
         self.DeclareVectorOutputPort("commanded_velocity", n, weakly(self._calc))
-        self.DeclareVectorOutputPort(
-            "chosen_grasp", 16, weakly(self._calc_chosen), self.memory_tickets
-        )
+        declare_output(self, "chosen_grasp", self._calc_chosen, self.memory_tickets, size=16)
 
     @cached_property
     def safety(self) -> SafetyFilter:
@@ -387,6 +386,6 @@ class GraspController(LeafSystem):
             qd = self.enforced(yielding_velocity(qd, inputs.touch, J_WH), inputs)
         output.SetFromVector(qd)
 
-    def _calc_chosen(self, context: Context, output) -> None:
+    def _calc_chosen(self, context: Context) -> Array:
         X_OG = self.chosen(self.memory(context))
-        output.SetFromVector(np.full(16, np.nan) if X_OG is None else np.ravel(X_OG))
+        return np.full(16, np.nan) if X_OG is None else X_OG

@@ -7,6 +7,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arguments import checked
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel, so3_log_kernel
 from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -14,7 +15,7 @@ from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import arm_condition_kernel, forward_kinematics
-from feasigrasp.systems.ports import declare_input, optional, weakly
+from feasigrasp.systems.ports import declare_input, declare_output, optional, scalar
 
 #: Time between samples [s]. Source: definition.
 SAMPLE_PERIOD = 0.02
@@ -83,14 +84,13 @@ class Metrics(LeafSystem):
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._sampled = declare_input(self, "sampled_grasps", GraspSet.empty())
         self._view_time = self.DeclareVectorInputPort("view_time", 1)
-        self.DeclareVectorOutputPort("sample", len(SAMPLE_NAMES), weakly(self._calc))
+        declare_output(self, "sample", self._calc, size=len(SAMPLE_NAMES))
 
-    def _calc(self, context: Context, output) -> None:
+    def _calc(self, context: Context) -> Array:
         q, v = np.split(self._state.Eval(context), 2)
         X_WB = self._pose.Eval(context).GetAsMatrix4()
-        X_WO = X_WB
-        if self._frame_pose.HasValue(context):
-            X_WO = self._frame_pose.Eval(context).GetAsMatrix4()
+        frame_pose: RigidTransform | None = optional(self._frame_pose, context)
+        X_WO = X_WB if frame_pose is None else frame_pose.GetAsMatrix4()
         tracked: RigidTransform | None = optional(self._tracked, context)
         p_WO = np.full(3, np.nan) if tracked is None else tracked.translation()
         X_WH = forward_kinematics(q, self._gripper.X_FG, self._arm)
@@ -102,23 +102,19 @@ class Metrics(LeafSystem):
             errors = grasp_errors(grasps.X_OG, inverse_kernel(X_WO) @ X_WH)
             nearest = errors[np.argmin(errors[:, 0] + 0.1 * errors[:, 1])]
         p_HB = inverse_kernel(X_BH)[:3, 3]
-        view_time = (
-            self._view_time.Eval(context)[0] if self._view_time.HasValue(context) else np.nan
-        )
-        output.SetFromVector(
-            np.concatenate(
-                [
-                    arm_condition_kernel(self._arm.chain, q, v),
-                    nearest,
-                    p_HB,
-                    so3_log_kernel(np.ascontiguousarray(X_BH[:3, :3])),
-                    X_WB[:3, 3],
-                    so3_log_kernel(np.ascontiguousarray(X_WB[:3, :3])),
-                    self._phase.Eval(context),
-                    [_count(sampled), _count(grasps), context.get_time() - view_time],
-                    [np.linalg.norm(p_WO - X_WO[:3, 3])],
-                ]
-            )
+        view_time = scalar(self._view_time, context, np.nan)
+        return np.concatenate(
+            [
+                arm_condition_kernel(self._arm.chain, q, v),
+                nearest,
+                p_HB,
+                so3_log_kernel(np.ascontiguousarray(X_BH[:3, :3])),
+                X_WB[:3, 3],
+                so3_log_kernel(np.ascontiguousarray(X_WB[:3, :3])),
+                self._phase.Eval(context),
+                [_count(sampled), _count(grasps), context.get_time() - view_time],
+                [np.linalg.norm(p_WO - X_WO[:3, 3])],
+            ]
         )
 
 

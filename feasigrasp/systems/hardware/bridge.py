@@ -69,8 +69,7 @@ class PandaDriver:
 
 def load_driver(name: str, url: str) -> Driver:
     """The driver of a name, `PandaDriver` for ``panda``."""
-    driver: Driver = PandaDriver(url) if name == "panda" else load_plugin("drivers", name)(url)
-    return driver
+    return PandaDriver(url) if name == "panda" else load_plugin("drivers", name)(url)
 
 
 def driver_names() -> list[str]:

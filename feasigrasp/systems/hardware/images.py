@@ -23,7 +23,7 @@ from pydrake.systems.sensors import (
 
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.decode import pixels
-from feasigrasp.systems.ports import declare_cache, declare_input, declare_output, weakly
+from feasigrasp.systems.ports import declare_cache, declare_input, declare_output, scalar
 from feasigrasp.systems.station.station import Station
 
 
@@ -54,7 +54,7 @@ class RgbdReceiver(LeafSystem):
         depth, labels = ImageDepth32F(width, height), ImageLabel16I(width, height)
         declare_output(self, "depth_image", self._calc_depth, ticket, model=depth)
         declare_output(self, "label_image", self._calc_labels, ticket, model=labels)
-        self.DeclareVectorOutputPort("stamp", 1, weakly(self._calc_stamp), ticket)
+        declare_output(self, "stamp", self._calc_stamp, ticket, size=1)
 
     def _decode(self, context: Context) -> dict[int, NDArray[np.generic]]:
         """The images of the message that can be used, by pixel format."""
@@ -79,9 +79,9 @@ class RgbdReceiver(LeafSystem):
             image.mutable_data[:, :, 0] = labels
         return image
 
-    def _calc_stamp(self, context: Context, output) -> None:
+    def _calc_stamp(self, context: Context) -> float:
         message = self._message.Eval(context)
-        output.SetAtIndex(0, 1e-6 * message.header.utime if message.num_images else np.nan)
+        return 1e-6 * message.header.utime if message.num_images else np.nan
 
 
 def publish_images(
@@ -138,8 +138,7 @@ class _ImageMessage(LeafSystem):
         declare_output(self, "message", self._calc, model=lcmt_image_array())
 
     def _calc(self, context: Context) -> lcmt_image_array:
-        stamped = self._stamp.HasValue(context)
-        time = self._stamp.Eval(context)[0] if stamped else context.get_time()
+        time = scalar(self._stamp, context, context.get_time())
         message = lcmt_image_array()
         if not np.isfinite(time):  # before the first image
             return message

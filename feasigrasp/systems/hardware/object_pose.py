@@ -80,7 +80,7 @@ class ObjectPoseReceiver(LeafSystem):
         self._message = self.DeclareAbstractInputPort("message", Value(lcmt_robot_state()))
         ticket = {self._message.ticket()}
         declare_output(self, "pose", self._calc_pose, ticket, model=RigidTransform())
-        self.DeclareVectorOutputPort("stamp", 1, weakly(self._calc_stamp), ticket)
+        declare_output(self, "stamp", self._calc_stamp, ticket, size=1)
 
     def _calc_pose(self, context: Context) -> RigidTransform:
         message = self._message.Eval(context)
@@ -92,9 +92,9 @@ class ObjectPoseReceiver(LeafSystem):
                 X = se3.make_pose(se3.rotations(values[:4] / size), values[4:])
         return RigidTransform(X)
 
-    def _calc_stamp(self, context: Context, output) -> None:
+    def _calc_stamp(self, context: Context) -> float:
         message = self._message.Eval(context)
-        output.SetAtIndex(0, 1e-6 * message.utime if message.num_joints else np.nan)
+        return 1e-6 * message.utime if message.num_joints else np.nan
 
 
 def pose_message(time: float, values: Array) -> lcmt_robot_state:

@@ -37,6 +37,7 @@ from pydrake.systems.primitives import (
     StateInterpolatorWithDiscreteDerivative,
 )
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import (
     GraspSequenceConfig,
     Phase,
@@ -56,7 +57,7 @@ from feasigrasp.systems.hardware.channels import IIWA_PERIOD
 from feasigrasp.systems.hardware.images import publish_images
 from feasigrasp.systems.hardware.object_pose import ObjectPoseSender
 from feasigrasp.systems.pipeline import Cell, add_judges
-from feasigrasp.systems.ports import weakly
+from feasigrasp.systems.ports import declare_output, weakly
 from feasigrasp.systems.station.camera import calibration_error
 from feasigrasp.systems.station.station import Station
 
@@ -134,14 +135,16 @@ class Handover(LeafSystem):
         state = self.DeclareDiscreteState([0.0, 0.0, np.nan, np.nan])
         self.DeclarePeriodicDiscreteUpdateEvent(self.PERIOD, 0.0, weakly(self._update))
         ticket = {self.discrete_state_ticket(state)}
-        self.DeclareVectorOutputPort(
-            "gripper_position", 1, weakly(self._calc_gripper), {self._target.ticket()}
+        declare_output(
+            self, "gripper_position", self._calc_gripper, {self._target.ticket()}, size=1
         )
-        self.DeclareVectorOutputPort("object_hold", 1, weakly(self._calc_hold), ticket)
-        self.DeclareVectorOutputPort("phase", 1, weakly(self._calc_phase), ticket)
+        declare_output(
+            self, "object_hold", lambda context: np.isnan(_kept(context)[3]), ticket, size=1
+        )
+        declare_output(self, "phase", lambda context: _kept(context)[0], ticket, size=1)
 
     def _update(self, context: Context, state) -> EventStatus:
-        phase, since, pressing, asked = context.get_discrete_state(0).value()
+        phase, since, pressing, asked = _kept(context)
         t, config = context.get_time(), self._config
         elapsed = t - since
         width, rate = self._measured.Eval(context)
@@ -172,15 +175,14 @@ class Handover(LeafSystem):
         state.get_mutable_vector().SetFromVector(kept)
         return EventStatus.Succeeded()
 
-    def _calc_gripper(self, context: Context, output) -> None:
+    def _calc_gripper(self, context: Context) -> float:
         opening = self._target.Eval(context)[0]
-        output.SetAtIndex(0, opening if opening > self._OPEN else GripperSequencer.CLOSED)
+        return opening if opening > self._OPEN else GripperSequencer.CLOSED
 
-    def _calc_hold(self, context: Context, output) -> None:
-        output.SetAtIndex(0, float(np.isnan(context.get_discrete_state(0).value()[3])))
 
-    def _calc_phase(self, context: Context, output) -> None:
-        output.SetAtIndex(0, context.get_discrete_state(0).value()[0])
+def _kept(context: Context) -> Array:
+    """The state of a `Handover`."""
+    return context.get_discrete_state(0).value()
 
 
 def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:

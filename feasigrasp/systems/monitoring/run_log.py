@@ -14,7 +14,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.dynamic_grasp import Subsystems
-from feasigrasp.systems.ports import declare_input, optional, weakly
+from feasigrasp.systems.ports import declare_input, declare_output, optional
 from feasigrasp.systems.station.station import Station
 
 
@@ -73,14 +73,14 @@ class RunLog(LeafSystem):
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._chosen = self.DeclareVectorInputPort("chosen_grasp", _NO_POSE.size)
         size = sum(map(prod, fields(n).values()))
-        self.DeclareVectorOutputPort("sample", size, weakly(self._calc))
+        declare_output(self, "sample", self._calc, size=size)
 
-    def _calc(self, context: Context, output) -> None:
+    def _calc(self, context: Context) -> NDArray[np.float64]:
         *arm, gripper, opening_sent = (port.Eval(context) for port in self._arm)
         poses = (_matrix(port, context) for port in (self._pose, self._true_pose))
         phase = self._phase.Eval(context)
         parts = [*arm, gripper[:1], opening_sent, *poses, phase, self._grasp(context, phase[0])]
-        output.SetFromVector(np.concatenate([np.ravel(part) for part in parts]))
+        return np.concatenate([np.ravel(part) for part in parts])
 
     def _grasp(self, context: Context, phase: float) -> NDArray[np.float64]:
         """The grasp that the hand has committed to, or else goes for; NaN if there is none."""

@@ -27,7 +27,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.scene_field import SceneField
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional, scalar
 
 #: Time between looks at the situation [s]. Source: guessed.
 PERIOD = 0.1
@@ -187,13 +187,11 @@ class StatusMonitor(LeafSystem):
 
     def history(self, context: Context) -> tuple[Status, ...]:
         """Every status until now, oldest first."""
-        history: tuple[Status, ...] = self._reported.Eval(context).history
-        return history
+        return self._reported.Eval(context).history
 
     def looks(self, context: Context) -> tuple[Status, ...]:
         """Every status until now with all its details, for a replay: up to ten a second."""
-        looks: tuple[Status, ...] = self._reported.Eval(context).looks
-        return looks
+        return self._reported.Eval(context).looks
 
     def rejected(self, context: Context) -> list[list[Any]]:
         """Until now, ``[time in s, {stage: {reason: rejected grasps}}]``, oldest first."""
@@ -208,7 +206,7 @@ class StatusMonitor(LeafSystem):
         reported: _Reported = self._reported.Eval(context)
         perceived = self._perceived.Eval(context)
         command_faults = int(self._faults.Eval(context)[0])
-        touches = int(self._touches.Eval(context)[0]) if self._touches.HasValue(context) else 0
+        touches = int(scalar(self._touches, context, 0.0))
         grasps: GraspSet = self._grasps.Eval(context)
         reachable: GraspSet = self._reachable.Eval(context)
         verdicts = Counter(map(str, self._verdicts.Eval(context)))
@@ -235,7 +233,7 @@ class StatusMonitor(LeafSystem):
                 search_target=optional(self._search_target, context) is not None,
                 contradicted=perceived.contradicted,
                 camera_contradicted=bool(optional(self._contradicted, context)),
-                lapsed=self._lapsed.HasValue(context) and self._lapsed.Eval(context)[0] > 0.0,
+                lapsed=scalar(self._lapsed, context, 0.0) > 0.0,
                 seen=perceived.gpdf is not None,
                 views_dropped=perceived.last_fault,
                 grasps=len(grasps),
@@ -274,8 +272,7 @@ class StatusMonitor(LeafSystem):
         if not np.isfinite(X_WO).all():
             return None
         X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG, self._arm)
-        X_OH: Array = inverse_kernel(X_WO) @ X_WH
-        return X_OH
+        return inverse_kernel(X_WO) @ X_WH
 
     def _unobserved(self, context: Context) -> float:
         """Distance of the arm to space that may belong to obstacles but was never seen [m]."""

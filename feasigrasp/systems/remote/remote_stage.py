@@ -12,7 +12,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, Diagram, EventStatus, LeafSystem, State, System
 
 from feasigrasp.models.arrays import Frozen
-from feasigrasp.systems.ports import declare_output, weakly
+from feasigrasp.systems.ports import declare_output, scalar, weakly
 from feasigrasp.systems.remote.served import Served, inputs_of, is_vector, outputs_of
 from feasigrasp.systems.remote.worker import Worker
 
@@ -79,7 +79,9 @@ class RemoteStage(LeafSystem):
         self._index, tickets = int(index), {self.abstract_state_ticket(index)}
         for port in outputs_of(stage):
             self._declare(port, tickets)
-        self.DeclareVectorOutputPort("lapsed", 1, weakly(self._calc_lapsed), tickets)
+        declare_output(
+            self, "lapsed", lambda context: self._arrived(context).lapsed, tickets, size=1
+        )
         self.DeclarePeriodicPublishEvent(period, 0.0, weakly(self._post))
         if latency is not None:
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, latency, weakly(self._await))
@@ -113,8 +115,7 @@ class RemoteStage(LeafSystem):
         return latencies
 
     def _arrived(self, context: Context) -> _Arrived:
-        found: _Arrived = context.get_abstract_state(self._index).get_value()
-        return found
+        return context.get_abstract_state(self._index).get_value()
 
     def _mirrored(self, port, stage: System):
         if is_vector(port):
@@ -128,21 +129,15 @@ class RemoteStage(LeafSystem):
             return self._arrived(context).outputs[name]
 
         if is_vector(port):
-            self.DeclareVectorOutputPort(
-                name, port.size(), lambda context, out: out.SetFromVector(value(context)), tickets
-            )
+            declare_output(self, name, value, tickets, size=port.size())
         else:
             declare_output(self, name, value, tickets, model=port.Allocate().get_value())
 
-    def _calc_lapsed(self, context: Context, output) -> None:
-        output.SetAtIndex(0, float(self._arrived(context).lapsed))
-
     def _post(self, context: Context) -> EventStatus:
-        time = stamp = context.get_time()
-        if self._stamp.HasValue(context):
-            stamp = float(self._stamp.Eval(context)[0])
-            if not stamp > self._last_stamp:  # NaN is not, either
-                return EventStatus.DidNothing()
+        time = context.get_time()
+        stamp = scalar(self._stamp, context, time)
+        if self._stamp.HasValue(context) and not stamp > self._last_stamp:  # NaN is not, either
+            return EventStatus.DidNothing()
         if self._latency is None and self.worker.busy:
             return EventStatus.DidNothing()
         self._last_stamp = stamp

@@ -17,7 +17,7 @@ from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.foreground import Known, Label, segment
 from feasigrasp.models.segmentation.modeled_bodies import Kind, ModeledBodies, in_color_gate
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, evaluate
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, evaluate, scalar
 
 
 class ForegroundSegmentation(LeafSystem):
@@ -112,8 +112,7 @@ class ForegroundSegmentation(LeafSystem):
 
     def _time(self, context: Context) -> float:
         """When the image was taken [s]; NaN before the first."""
-        stamped = self._image_time.HasValue(context)
-        return float(self._image_time.Eval(context)[0] if stamped else context.get_time())
+        return scalar(self._image_time, context, context.get_time())
 
     def _calc(self, context: Context) -> ImageLabel16I:
         time, first = self._first.Eval(context)

@@ -18,7 +18,7 @@ from feasigrasp.models.arrays import Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.modeled_bodies import Kind, ModeledBodies
-from feasigrasp.systems.ports import declare_input, declare_output, to_value, weakly
+from feasigrasp.systems.ports import declare_input, declare_output, scalar, to_value, weakly
 
 #: Which pixels show the object, shape (height, width): from the colors (height, width, 3) as
 #: uint8, the depths (height, width) [m], infinite where nothing was measured, and the time when the
@@ -72,12 +72,10 @@ class MaskSegmentation(LeafSystem):
         declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))
 
     def _calc(self, context: Context) -> ImageLabel16I:
-        labels: ImageLabel16I = self.get_cache_entry(self._last).Eval(context)[1]
-        return labels
+        return self.get_cache_entry(self._last).Eval(context)[1]
 
     def _look(self, context: Context, last: AbstractValue) -> None:
-        stamped = self._image_time.HasValue(context)
-        time = float(self._image_time.Eval(context)[0] if stamped else context.get_time())
+        time = scalar(self._image_time, context, context.get_time())
         if time != last.get_value()[0]:  # nor is NaN, before the first image
             last.set_value((time, self._labels(context, time)))
 

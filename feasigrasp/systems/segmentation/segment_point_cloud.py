@@ -91,8 +91,7 @@ class SegmentPointCloud(LeafSystem):
         return cloud
 
     def _calc_outline(self, context: Context) -> Outline | None:
-        found: Outline | None = self._segmented.Eval(context)[1]
-        return found
+        return self._segmented.Eval(context)[1]
 
     def _calc(self, context: Context) -> tuple[NDArray[np.floating], Outline | None]:
         """Points of the body, shape (3, n) [m], and its outline."""

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Frozen
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, weakly
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, scalar
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,20 +52,20 @@ class Delay(LeafSystem):
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
         if isinstance(initial, np.ndarray):
             self._input = self.DeclareVectorInputPort("u", len(initial))
-            self.DeclareVectorOutputPort("y", len(initial), weakly(self._calc_vector), depends)
+            declare_output(self, "y", self._arrived, depends, size=len(initial))
         else:
             self._input = declare_input(self, "u")
-            declare_output(self, "y", lambda context: self._post.Eval(context).arrived, depends)
+            declare_output(self, "y", self._arrived, depends)
 
-    def _calc_vector(self, context: Context, y: BasicVector) -> None:
-        y.SetFromVector(self._post.Eval(context).arrived)
+    def _arrived(self, context: Context) -> Any:
+        return self._post.Eval(context).arrived
 
     def _deliver(self, context: Context) -> _Post:
         post, value, time = self._post.Eval(context), self._input.Eval(context), context.get_time()
         sent = post.sent
         if not _same(value, post.newest):
             made = max(0.0, time - self._period) if self._latency > 0.0 else time
-            stamp = self._stamp.Eval(context)[0] if self._stamp.HasValue(context) else made
+            stamp = scalar(self._stamp, context, made)
             sent = (*sent, ((stamp if np.isfinite(stamp) else made) + self._latency, value))
         due = [each for at, each in sent if at <= time + 1e-9]
         return _Post(due[-1] if due else post.arrived, sent[len(due) :], value)

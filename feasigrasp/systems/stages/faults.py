@@ -63,7 +63,7 @@ class FaultySignal(LeafSystem):
         (signal, model), *_ = models.items()
         if isinstance(model, np.ndarray):
             self._inputs = [self.DeclareVectorInputPort(signal, len(model))]
-            self.DeclareVectorOutputPort(signal, len(model), weakly(self._calc_vector))
+            declare_output(self, signal, self._calc, size=len(model))
         else:
             self._inputs = [declare_input(self, name, like) for name, like in models.items()]
             declare_output(self, signal, self._calc, model=model)
@@ -73,9 +73,6 @@ class FaultySignal(LeafSystem):
             return self._inputs[0].Eval(context)
         values = (port.Eval(context) for port in self._inputs)
         return self._change(*values, _rng(self._seed, context))
-
-    def _calc_vector(self, context: Context, output) -> None:
-        output.SetFromVector(self._calc(context))
 
 
 def faulty_cloud(fault: CloudFault, label: int, seed: int = 0) -> FaultySignal:
@@ -240,8 +237,7 @@ class LateField(LeafSystem):
 
     def _calc(self, context: Context) -> Gpdf | None:
         post: _Post = self._post.Eval(context)
-        gpdf: Gpdf | None = post.arrived if post.late else evaluate(self._input, context)
-        return gpdf
+        return post.arrived if post.late else evaluate(self._input, context)
 
 
 def fail_solver(controller: GraspController, fault: SolverFailure) -> None:

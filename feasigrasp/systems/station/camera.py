@@ -28,7 +28,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.sensors.camera_errors import MATERIALS, CameraErrors
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
-from feasigrasp.systems.ports import declare_input, declare_output, weakly
+from feasigrasp.systems.ports import declare_input, declare_output, scalar, weakly
 from feasigrasp.systems.station.exposures import CameraPose, FirstImage
 
 
@@ -87,8 +87,7 @@ class NoisyDepth(LeafSystem):
 
     def _calc(self, context: Context, output) -> None:
         depth = self._input.Eval(context).data[:, :, 0]
-        stamped = self._stamp.HasValue(context)
-        time = self._stamp.Eval(context)[0] if stamped else context.get_time()
+        time = scalar(self._stamp, context, context.get_time())
         if not np.isfinite(time):
             output.get_mutable_value().mutable_data[:, :, 0] = depth
             return

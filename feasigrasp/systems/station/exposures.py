@@ -79,8 +79,8 @@ class Exposures(LeafSystem):
             arrival = offset + timing.output_delay
             self.DeclarePeriodicDiscreteUpdateEvent(period, arrival, weakly(self._deliver))
         ticket = {self.discrete_state_ticket(present)}
-        self.DeclareVectorOutputPort("y", len(initial), weakly(self._calc), ticket)
-        self.DeclareVectorOutputPort("stamp", 1, weakly(self._calc_stamp), ticket)
+        declare_output(self, "y", lambda context: _present(context)[1:], ticket, size=len(initial))
+        declare_output(self, "stamp", lambda context: _present(context)[0], ticket, size=1)
 
     def _expose(self, context: Context, state) -> EventStatus:
         row = np.concatenate([[context.get_time()], self._input.Eval(context)])
@@ -99,11 +99,10 @@ class Exposures(LeafSystem):
             state.get_mutable_vector(1).SetFromVector(rows[due[0]])
         return EventStatus.Succeeded()
 
-    def _calc(self, context: Context, y) -> None:
-        y.SetFromVector(context.get_discrete_state(1).value()[1:])
 
-    def _calc_stamp(self, context: Context, stamp) -> None:
-        stamp.SetAtIndex(0, context.get_discrete_state(1).value()[0])
+def _present(context: Context) -> Array:
+    """Time and vector of the present image."""
+    return context.get_discrete_state(1).value()
 
 
 def add_exposures(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from feasigrasp.systems.ports import weakly
+from feasigrasp.systems.ports import declare_output, weakly
 
 
 class FingerDrive(LeafSystem):
@@ -32,11 +32,10 @@ class FingerDrive(LeafSystem):
         super().__init__()
         self._way = self.SPEED * period
         self._opening = self.DeclareVectorInputPort("opening", 1)
-        self.DeclareDiscreteState(
-            [np.nan]
-        )  # where it was a period ago; at first where it is commanded
+        # Where it was a period ago; at first where it is commanded.
+        self.DeclareDiscreteState([np.nan])
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._update))
-        self.DeclareVectorOutputPort("desired_state", 2, weakly(self._calc))
+        declare_output(self, "desired_state", self._calc, size=2)
 
     def _next(self, context: Context) -> float:
         commanded = float(self._opening.Eval(context)[0])
@@ -45,9 +44,9 @@ class FingerDrive(LeafSystem):
             return commanded
         return before + float(np.clip(commanded - before, -self._way, self._way))
 
+    def _calc(self, context: Context) -> list[float]:
+        return [0.5 * self._next(context), 0.0]
+
     def _update(self, context: Context, state) -> EventStatus:
         state.set_value([self._next(context)])
         return EventStatus.Succeeded()
-
-    def _calc(self, context: Context, output) -> None:
-        output.SetFromVector([0.5 * self._next(context), 0.0])

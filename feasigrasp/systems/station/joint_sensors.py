@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.sensors.joint_errors import DrawnJointErrors
-from feasigrasp.systems.ports import weakly
+from feasigrasp.systems.ports import declare_output
 
 
 class JointSensors(LeafSystem):
@@ -37,15 +38,15 @@ class JointSensors(LeafSystem):
             ("torque_estimated", n, self._calc_torque, {position, torque, self.time_ticket()}),
             ("true_desired_state", 2 * n, self._calc_desired, {self._desired.ticket()}),
         ):
-            self.DeclareVectorOutputPort(name, size, weakly(calc), tickets)
+            declare_output(self, name, calc, tickets, size=size)
 
-    def _calc_position(self, context: Context, output) -> None:
-        output.SetFromVector(self._errors.position(self._position.Eval(context)))
+    def _calc_position(self, context: Context) -> Array:
+        return self._errors.position(self._position.Eval(context))
 
-    def _calc_torque(self, context: Context, output) -> None:
+    def _calc_torque(self, context: Context) -> Array:
         torque, q = self._torque.Eval(context), self._position.Eval(context)
-        output.SetFromVector(self._errors.torque(torque, q, context.get_time()))
+        return self._errors.torque(torque, q, context.get_time())
 
-    def _calc_desired(self, context: Context, output) -> None:
+    def _calc_desired(self, context: Context) -> Array:
         zero = np.concatenate([self._errors.zero, np.zeros_like(self._errors.zero)])
-        output.SetFromVector(self._desired.Eval(context) - zero)
+        return self._desired.Eval(context) - zero

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
-from feasigrasp.systems.ports import declare_input, weakly
+from feasigrasp.systems.ports import declare_input, declare_output, weakly
 
 
 def _geometries(plant: MultibodyPlant, index: BodyIndex) -> list[int]:
@@ -55,9 +55,9 @@ class ObstacleDistance(LeafSystem):
                 elif instance not in robot:
                     self._surroundings += geometries
         self._query = declare_input(self, "query_object", QueryObject())
-        self.DeclareVectorOutputPort("distance", 1, weakly(self._calc))
+        declare_output(self, "distance", self._calc, size=1)
 
-    def _calc(self, context: Context, output) -> None:
+    def _calc(self, context: Context) -> float:
         query = self._query.Eval(context)
         ids = query.inspector().GetAllGeometryIds(Role.kProximity)
         moving = [i for i in ids if i.get_value() in self._moving]
@@ -67,7 +67,7 @@ class ObstacleDistance(LeafSystem):
             for b in surroundings:
                 pair = query.ComputeSignedDistancePairClosestPoints(a, b)
                 nearest = min(nearest, pair.distance)
-        output.SetAtIndex(0, nearest)
+        return nearest
 
 
 class ObjectContact(LeafSystem):

@@ -34,7 +34,7 @@ from feasigrasp.models.objects.distractor_bodies import DistractorBody
 from feasigrasp.models.objects.mesh import write_obj
 from feasigrasp.models.objects.rigid_object import RigidObject, write_mesh
 from feasigrasp.scenario.schema import ObjectConfig
-from feasigrasp.systems.ports import declare_output
+from feasigrasp.systems.ports import declare_output, scalar
 
 
 class DistractorBodies(LeafSystem):
@@ -60,8 +60,7 @@ class DistractorBodies(LeafSystem):
         declare_output(self, "poses", self._calc, model=FramePoseVector())
 
     def _calc(self, context: Context) -> FramePoseVector:
-        shown = self._time.HasValue(context)
-        time = float(np.nan_to_num(self._time.Eval(context)[0])) if shown else context.get_time()
+        time = float(np.nan_to_num(scalar(self._time, context, context.get_time())))
         since = max(time - self._let_go.Eval(context)[0], 0.0)
         poses = FramePoseVector()
         for body, frame in self._bodies:

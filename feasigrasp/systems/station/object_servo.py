@@ -72,7 +72,7 @@ class ObjectServo(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(step, 0.0, weakly(self._release))
         ticket = self.discrete_state_ticket(release)
         declare_output(self, "spatial_force", self._calc, model=[ExternallyAppliedSpatialForce()])
-        self.DeclareVectorOutputPort("let_go", 1, weakly(self._calc_let_go), {ticket})
+        declare_output(self, "let_go", _let_go, {ticket}, size=1)
 
     def _release(self, context: Context, discrete) -> EventStatus:
         # A carrier that feels the load lets go once it has borne less than this share of the weight
@@ -93,12 +93,9 @@ class ObjectServo(LeafSystem):
         discrete.set_value([let_go, light_since])
         return EventStatus.Succeeded()
 
-    def _calc_let_go(self, context: Context, output) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value()[:1])
-
     def _calc(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
         time = context.get_time()
-        if time < context.get_discrete_state_vector().value()[0]:
+        if time < _let_go(context):
             return force_on(self._body_index, self._wrench(context))
         speed = float(np.linalg.norm(self._state.Eval(context)[-3:]))
         pulling = [pull.force for pull in self._pulls if pull.pulls(time, speed)]
@@ -113,6 +110,10 @@ class ObjectServo(LeafSystem):
         else:
             spring_wrench_kernel(state, *self._motion.state(time), self._load, wrench)
         return wrench
+
+
+def _let_go(context: Context) -> float:
+    return float(context.get_discrete_state_vector().value()[0])
 
 
 def force_on(body_index: BodyIndex, wrench: Array) -> list[ExternallyAppliedSpatialForce]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
@@ -81,7 +82,7 @@ class PositionAt(LeafSystem):
         state = self.DeclareDiscreteState(rows.ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._remember))
         sources = {self.discrete_state_ticket(state), self._stamp.ticket(), self._position.ticket()}
-        self.DeclareVectorOutputPort("position", n, weakly(self._calc), sources)
+        declare_output(self, "position", self._calc, sources, size=n)
 
     def _remember(self, context: Context, state) -> EventStatus:
         rows = context.get_discrete_state_vector().value()
@@ -91,14 +92,14 @@ class PositionAt(LeafSystem):
         state.get_mutable_vector().SetFromVector(np.concatenate([row, rows[: -self._size]]))
         return EventStatus.Succeeded()
 
-    def _calc(self, context: Context, output) -> None:
+    def _calc(self, context: Context) -> ArrayLike:
         rows = context.get_discrete_state_vector().value().reshape(-1, self._size)
         known = rows[np.isfinite(rows).all(axis=1)][::-1]
         position, stamp = self._position.Eval(context), self._stamp.Eval(context)[0]
-        if len(known) > 0 and not stamp > known[-1, 0]:
-            at = known[0, 0] if np.isnan(stamp) else stamp
-            position = [np.interp(at, known[:, 0], values) for values in known[:, 1:].T]
-        output.SetFromVector(position)
+        if len(known) == 0 or stamp > known[-1, 0]:
+            return position
+        at = known[0, 0] if np.isnan(stamp) else stamp
+        return [np.interp(at, known[:, 0], values) for values in known[:, 1:].T]
 
 
 def _interpolated(rows: Array, stamp: float) -> Array:

@@ -143,8 +143,7 @@ class Station(ArmPorts):
     @property
     def object_body(self) -> RigidBody:
         """The object; not stored, since Python never frees a plant that holds a body of its own."""
-        body: RigidBody = self.plant.GetBodyByName("object", self.object_instance)
-        return body
+        return self.plant.GetBodyByName("object", self.object_instance)
 
     @property
     def object_label(self) -> int:
