@@ -41,11 +41,7 @@ from feasigrasp.runs.metrics.reference_robot import (
 from feasigrasp.runs.metrics.run_metrics import not_held, summarize
 from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.runs.metrics.tick_times import TickTimes
-from feasigrasp.runs.replay import (
-    FRAMES_PER_SECOND,
-    start_recording,
-    write_replay,
-)
+from feasigrasp.runs.replay import FRAMES_PER_SECOND, start_recording, write_replay
 from feasigrasp.runs.results.interrupts import postponed_interrupt
 from feasigrasp.runs.results.provenance import git_revision, machine, own_files, versions
 from feasigrasp.runs.teleport import teleport

@@ -29,12 +29,7 @@ from feasigrasp.scenario.keys import general, members
 from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.parts import Part, check_parts
 from feasigrasp.scenario.sampling import camera_errors
-from feasigrasp.scenario.schema import (
-    EXACT,
-    ControlConfig,
-    Scenario,
-    Segmentation,
-)
+from feasigrasp.scenario.schema import EXACT, ControlConfig, Scenario, Segmentation
 
 #: Models of the cell that no obstacle may be named like.
 RESERVED = ("iiwa", "gripper", "camera", "table", "object", "world")

@@ -17,11 +17,7 @@ from feasigrasp.scenario.checks import check_segmentation, check_types_too
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.sampling import make_hand_error
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.from_scenario import (
-    make_part,
-    make_station,
-    tracks_from_depth,
-)
+from feasigrasp.systems.from_scenario import make_part, make_station, tracks_from_depth
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.pipeline import (
     Cell,

@@ -10,12 +10,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import (
-    Context,
-    DependencyTicket,
-    InputPort,
-    LeafSystem,
-)
+from pydrake.systems.framework import Context, DependencyTicket, InputPort, LeafSystem
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
@@ -35,13 +30,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import Motion, MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.quantities import (
-    JACOBIAN,
-    JOINT_RATES,
-    TWIST,
-    NotNegative,
-    Positive,
-)
+from feasigrasp.models.quantities import JACOBIAN, JOINT_RATES, TWIST, NotNegative, Positive
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.shape.gpdf import Gpdf

@@ -46,17 +46,10 @@ from feasigrasp.systems.motion_predictor import MotionPredictor
 from feasigrasp.systems.reachability_filter import PayloadFilter, SceneFilter
 from feasigrasp.systems.segmentation.mask_segmentation import MaskFn
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
-from feasigrasp.systems.stages.controllers import (
-    make_drive,
-    make_reachability_filter,
-)
+from feasigrasp.systems.stages.controllers import make_drive, make_reachability_filter
 from feasigrasp.systems.stages.delay import Delay
 from feasigrasp.systems.stages.faults import FaultInjection
-from feasigrasp.systems.stages.remote import (
-    add_lapsed,
-    remote_scene,
-    remote_tracker,
-)
+from feasigrasp.systems.stages.remote import add_lapsed, remote_scene, remote_tracker
 from feasigrasp.systems.stages.static_obstacles import make_static_grid
 from feasigrasp.systems.station.meshcat_scene import add_scene
 from feasigrasp.systems.station.object_contact import ObjectContact, ObstacleDistance

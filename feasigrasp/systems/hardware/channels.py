@@ -12,12 +12,7 @@ from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
-from drake import (
-    lcmt_iiwa_status,
-    lcmt_image_array,
-    lcmt_robot_state,
-    lcmt_schunk_wsg_status,
-)
+from drake import lcmt_iiwa_status, lcmt_image_array, lcmt_robot_state, lcmt_schunk_wsg_status
 from pydrake.lcm import DrakeLcm
 from pydrake.manipulation import kIiwaLcmStatusPeriod
 

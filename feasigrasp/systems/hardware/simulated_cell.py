@@ -38,12 +38,7 @@ from pydrake.systems.primitives import (
 )
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.grasps.sequence import (
-    GraspSequenceConfig,
-    Phase,
-    has_closed,
-    pressing_since,
-)
+from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase, has_closed, pressing_since
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.gripper_file import load_gripper

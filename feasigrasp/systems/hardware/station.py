@@ -20,11 +20,7 @@ from pydrake.manipulation import (
 )
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.perception import DepthImageToPointCloud
-from pydrake.systems.framework import (
-    DiagramBuilder,
-    OutputPort,
-    TriggerType,
-)
+from pydrake.systems.framework import DiagramBuilder, OutputPort, TriggerType
 from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import Demultiplexer, Saturation
 from pydrake.systems.sensors import CameraConfig, PixelType

@@ -9,13 +9,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import GetScopedFrameByName
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import (
-    Context,
-    DiagramBuilder,
-    EventStatus,
-    LeafSystem,
-    OutputPort,
-)
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 from pydrake.systems.sensors import CameraConfig
 
