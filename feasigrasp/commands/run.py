@@ -280,9 +280,7 @@ def draw_diagram(scenario: Scenario, filename: Path) -> None:
 def keep(record: dict[str, Any], results: Path | None, line: StatusLine) -> None:
     """Prints what a run brought, and writes it; a full disk leaves it on the console."""
     line.clear()
-    with suppress(
-        BrokenPipeError
-    ):  # the reader has closed the pipe; what came out is written all the same
+    with suppress(BrokenPipeError):  # its reader is gone; the record is written all the same
         print(*summary(record), sep="\n", flush=True)
     if results is not None:
         try:

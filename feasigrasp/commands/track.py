@@ -31,7 +31,7 @@ from feasigrasp.outputs import check_outputs, replacing
 from feasigrasp.recordings.folder import DepthFolder, read_depth_folder
 from feasigrasp.recordings.images import check_box
 from feasigrasp.recordings.unaided import UnaidedTracker
-from feasigrasp.runs.results.arguments import factor, output, positive
+from feasigrasp.runs.results.arguments import add_box, factor, output, positive
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,13 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="Exclude the largest plane of the first image, e.g. a table.",
     )
-    parser.add_argument(
-        "--box",
-        type=int,
-        nargs=4,
-        metavar=("LEFT", "TOP", "RIGHT", "BOTTOM"),
-        help="Box about the object in the first image, in pixels. Default: the nearest thing.",
-    )
+    use = "Box about the object in the first image, in pixels. Default: the nearest thing."
+    add_box(parser, use)
     parser.add_argument(
         "--label", type=positive, help="The object's value in masks of several, or its number."
     )

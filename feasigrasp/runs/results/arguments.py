@@ -34,6 +34,12 @@ def share(text: str) -> float:
     return number
 
 
+def add_box(parser: argparse.ArgumentParser, use: str) -> None:
+    """Adds the option for a box in an image, and what it is used for."""
+    sides = ("LEFT", "TOP", "RIGHT", "BOTTOM")
+    parser.add_argument("--box", type=int, nargs=4, metavar=sides, help=use)
+
+
 def output(*ends: str) -> Callable[[str], Path]:
     """Reads the name of a file to write: of any suffix, or of one of these ("" is none)."""
 

@@ -54,18 +54,13 @@ def _make_translucent(station: Station, object_path: str, meshcat: Meshcat) -> N
         meshcat.SetProperty(f"{path}/<object>", "modulated_opacity", 0.35)
 
 
-def set_stage(
-    meshcat: Meshcat,
-    camera: tuple[float, float, float] = CAMERA,
-    target: tuple[float, float, float] = TARGET,
-    zoom: float = ZOOM,
-) -> None:
+def set_stage(meshcat: Meshcat) -> None:
     """Sets background, lights and camera position [m] of the cell."""
     set_background(meshcat)
     for light, intensity in LIGHTS.items():
         meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
-    meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", zoom)
-    meshcat.SetCameraPose(camera, target)
+    meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", ZOOM)
+    meshcat.SetCameraPose(CAMERA, TARGET)
 
 
 def set_background(meshcat: Meshcat) -> None:
