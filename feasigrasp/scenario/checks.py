@@ -23,9 +23,8 @@ from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.plugins import plugins
 from feasigrasp.scenario.cameras import check_cameras
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
-from feasigrasp.scenario.drake_keys import SPANS, WORDS
 from feasigrasp.scenario.faults import check_faults
-from feasigrasp.scenario.keys import general, members
+from feasigrasp.scenario.keys import SPANS, WORDS, general, members
 from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.parts import Part, check_parts
 from feasigrasp.scenario.sampling import camera_errors

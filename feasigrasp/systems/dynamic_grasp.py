@@ -28,7 +28,7 @@ from feasigrasp.systems.pipeline import (
     add_tracker,
     add_visualization,
 )
-from feasigrasp.systems.segmentation.mask_segmentation import MaskFn
+from feasigrasp.systems.segmentation.foreground_segmentation import MaskFn
 from feasigrasp.systems.stages.controllers import make_reachability
 from feasigrasp.systems.stages.remote import remote_object, remote_planner
 from feasigrasp.systems.station.cell_check import check_cell

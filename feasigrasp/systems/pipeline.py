@@ -32,6 +32,7 @@ from feasigrasp.systems.from_scenario import (
     make_grasp_sampler,
     make_object_pixels,
     make_scene,
+    make_static_grid,
     uses_eye_in_hand_tracking,
 )
 from feasigrasp.systems.grasp_controller import GraspController
@@ -44,16 +45,15 @@ from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.monitoring.true_frame import TrueFrame
 from feasigrasp.systems.motion_predictor import MotionPredictor
 from feasigrasp.systems.reachability_filter import PayloadFilter, SceneFilter
-from feasigrasp.systems.segmentation.mask_segmentation import MaskFn
+from feasigrasp.systems.segmentation.foreground_segmentation import MaskFn
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.stages.controllers import make_drive, make_reachability_filter
 from feasigrasp.systems.stages.delay import Delay
 from feasigrasp.systems.stages.faults import FaultInjection
 from feasigrasp.systems.stages.remote import add_lapsed, remote_scene, remote_tracker
-from feasigrasp.systems.stages.static_obstacles import make_static_grid
+from feasigrasp.systems.station.exposures import PoseAt
 from feasigrasp.systems.station.meshcat_scene import add_scene
 from feasigrasp.systems.station.object_contact import ObjectContact, ObstacleDistance
-from feasigrasp.systems.station.pose_at import PoseAt
 from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.wiring import connect_all
 

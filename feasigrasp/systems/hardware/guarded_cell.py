@@ -12,8 +12,8 @@ from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.from_scenario import make_static_grid
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.stages.static_obstacles import make_static_grid
 
 
 class GuardedCell(NamedTuple):

@@ -49,8 +49,7 @@ from feasigrasp.systems.from_scenario import make_station
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.channels import IIWA_PERIOD
-from feasigrasp.systems.hardware.images import publish_images
-from feasigrasp.systems.hardware.object_pose import ObjectPoseSender
+from feasigrasp.systems.hardware.measurements import ObjectPoseSender, publish_images
 from feasigrasp.systems.pipeline import Cell, add_judges
 from feasigrasp.systems.ports import declare_output, weakly
 from feasigrasp.systems.station.camera import calibration_error

@@ -31,13 +31,11 @@ from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import station_config
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.images import RgbdReceiver
-from feasigrasp.systems.hardware.object_pose import ObjectPoseReceiver
+from feasigrasp.systems.hardware.measurements import ObjectPoseReceiver, RgbdReceiver
 from feasigrasp.systems.station.arm_ports import ArmPorts
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_models import add_cell
-from feasigrasp.systems.station.exposures import CameraPose
-from feasigrasp.systems.station.pose_at import PositionAt
+from feasigrasp.systems.station.exposures import CameraPose, PositionAt
 
 
 class HardwareStation(ArmPorts):

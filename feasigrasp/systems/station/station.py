@@ -30,8 +30,7 @@ from feasigrasp.systems.station.arm_ports import ArmPorts
 from feasigrasp.systems.station.camera import MeasuredArm, SeenObject, export_camera
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
 from feasigrasp.systems.station.exposures import Timing, add_exposures
-from feasigrasp.systems.station.finger_drive import FingerDrive
-from feasigrasp.systems.station.joint_sensors import JointSensors
+from feasigrasp.systems.station.joints import FingerDrive, JointSensors
 from feasigrasp.systems.station.object_model import (
     add_distractor_bodies,
     add_object,
