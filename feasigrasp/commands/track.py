@@ -65,11 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check_size(points: Array, gpdf: Gpdf) -> None:
-    """Refuses a first view that is mostly a table, and notes a size that objects hardly have.
-
-    Args:
-        points: The observed surface, shape (n, 3) [m].
-        gpdf: Its field.
+    """Refuses a view (n, 3) [m] that is mostly a table, and notes a size that objects hardly have.
 
     Raises:
         PointCloudError: It shows a table.

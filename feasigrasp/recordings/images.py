@@ -267,12 +267,9 @@ def check_size(file: str | Path, shape: tuple[int, ...], expected: tuple[int, in
 
 
 def check_unit(file: str | Path, depth: Array, unit: float | None) -> None:
-    """Rejects a depth image in another unit than stated.
+    """Rejects a depth image (height, width) [m] in another unit than it was read with.
 
-    Args:
-        file: Where it is from.
-        depth: Shape (height, width) [m].
-        unit: Metres per unit that it was read with; None for floating-point ones, in metres.
+    That is in metres per unit; None for floating-point numbers, which are in metres.
 
     Raises:
         InputError: Its median depth is nothing that a depth camera measures.

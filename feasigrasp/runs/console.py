@@ -40,12 +40,7 @@ class StatusLine:
         self._counting: threading.Thread | None = None
 
     def show(self, text: str, *, patient: bool = False) -> None:
-        """Shows a text, as much of it as there is room for.
-
-        Args:
-            text: The text.
-            patient: Whether it may be dropped because the line has just changed.
-        """
+        """Shows a text as far as there is room; a ``patient`` one only if it is not too soon."""
         now = time.monotonic()
         if not self._visible or (patient and now < self._shown_at + _PERIOD):
             return
@@ -78,13 +73,7 @@ class StatusLine:
 
 
 def progress(simulated: float, wall: float, status: Status) -> str:
-    """Progress of a simulation on one line.
-
-    Args:
-        simulated: Simulated time [s].
-        wall: Wall time that it took [s].
-        status: What goes on.
-    """
+    """Progress of a simulation on one line: simulated and wall time [s], and what goes on."""
     factor = simulated / wall if wall > 0.0 else 0.0
     shown = _status(status.code, status.detail)
     return f"simulating {simulated:5.1f} s  {factor:4.2f} x real time  {shown}"

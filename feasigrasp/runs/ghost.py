@@ -36,14 +36,7 @@ class Ghost:
 
 
 def ghost_of(scenario: Scenario, until: float) -> Ghost:
-    """The true way of the arm in a scenario.
-
-    A simulation that breaks off leaves the way until then.
-
-    Args:
-        scenario: The scenario.
-        until: How long [s].
-    """
+    """The true way of the arm in a scenario until a time [s], or the simulation breaks off."""
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
@@ -57,11 +50,7 @@ def ghost_of(scenario: Scenario, until: float) -> Ghost:
 def show_ghost(meshcat: Meshcat, scenario: Scenario, ghost: Ghost, rate: float) -> None:
     """Draws it into the recording of a Meshcat, translucent, with an open hand.
 
-    Args:
-        meshcat: It records.
-        scenario: Whose cell has the arm.
-        ghost: Its way.
-        rate: Pictures per second.
+    The scenario has the arm in its cell; ``rate`` is in pictures per second.
     """
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)

@@ -32,11 +32,8 @@ from feasigrasp.systems.monitoring.grasp_visualizer import REACHABLE, GraspVisua
 def serve(answer: Callable[[str, bytes], bytes | None]) -> str:
     """Serves a page to this computer alone, on a free port and from other threads.
 
-    Args:
-        answer: Content of a path, from what was posted to it; None if there is no such path.
-
-    Returns:
-        Address of the page.
+    By ``answer`` a path has a content, from what was posted to it; None if there is no such path.
+    Returned is the address of the page.
     """
 
     class Handler(BaseHTTPRequestHandler):
@@ -72,23 +69,13 @@ class LiveServer:
     """
 
     def __init__(self, meshcat_port: int) -> None:
-        """Starts to serve.
-
-        Args:
-            meshcat_port: Port of the Meshcat that the page frames.
-        """
+        """Starts to serve a page that frames the Meshcat of a port."""
         self.show(0.0, None, None)
         page = live_page(meshcat_port).encode()
         self.url = serve(lambda path, _: {"/": page, "/state": self._state}.get(path))
 
     def show(self, time: float, status: Status | None, picture: Picture | None) -> None:
-        """Sets what the page shows at its next look.
-
-        Args:
-            time: Simulated time [s].
-            status: What goes on.
-            picture: What the camera sees.
-        """
+        """Sets what the page shows next: simulated time [s], status, and what the camera sees."""
         state = {
             "time": time,
             "status": status and status_words(status),
@@ -128,11 +115,7 @@ class LiveView:
         return self.meshcat.GetButtonClicks(PAUSE) % 2 == 1
 
     def wait_for_browser(self, interrupted: threading.Event) -> None:
-        """Waits until a browser shows the page, or Enter is pressed.
-
-        Args:
-            interrupted: What ends the wait, too.
-        """
+        """Waits until a browser shows the page, Enter is pressed, or the run is interrupted."""
         _wait(lambda: self.meshcat.GetNumActiveConnections() > 0 or interrupted.is_set())
 
     def stay(self) -> None:
@@ -144,12 +127,7 @@ class LiveView:
             print()  # behind the terminal's ^C
 
     def pace(self, simulator: Simulator, interrupted: threading.Event) -> None:
-        """Runs a simulator at the speed of the slider, with pauses.
-
-        Args:
-            simulator: At a step of its.
-            interrupted: What ends a pause, beside the button.
-        """
+        """Runs a simulator at the speed of the slider; button or interrupt end a pause."""
         waited = False
         while self.paused and not interrupted.is_set():
             waited = True

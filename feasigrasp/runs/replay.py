@@ -82,12 +82,9 @@ def browser() -> str | None:
 
 
 def screenshot(page: Path, picture: Path, size: tuple[int, int]) -> None:
-    """Writes a PNG of a page, as a browser without a window shows it after some seconds.
+    """Writes a PNG of an HTML page, as a browser without a window shows it after some seconds.
 
-    Args:
-        page: HTML file.
-        picture: The PNG.
-        size: Width and height [pixels].
+    The size is width and height [pixels].
 
     Raises:
         BrowserError: There is no browser, or it takes no picture.

@@ -198,11 +198,7 @@ def _check_choices(scenario: Scenario) -> None:
 
 
 def check_segmentation(scenario: Scenario, *, own: bool) -> None:
-    """Checks that a custom segmentation has a place in the diagram.
-
-    Args:
-        scenario: The scenario.
-        own: Whether there is one.
+    """Checks that a custom segmentation has a place in the diagram, if there is one.
 
     Raises:
         ScenarioError: The label image of the simulation says which pixels show the object.

@@ -101,11 +101,9 @@ def replace_former_keys(root: yaml.Node) -> None:
 
 
 def move_keys(root: yaml.Node, defaults: typing.Any) -> None:
-    """Puts keys of older releases in the tree of a scenario into ``options`` of their section.
+    """Puts keys of older releases into ``options`` of their section of the tree.
 
-    Args:
-        root: The tree.
-        defaults: The scenario whose options the tree changes.
+    Those change the options of the scenario ``defaults``.
     """
     for key, value in root.value if isinstance(root, yaml.MappingNode) else ():
         if key.tag == f"{_TAG}merge":

@@ -268,11 +268,7 @@ def add_control(
 ) -> None:
     """Adds what leads from grasps to what arm and gripper are sent.
 
-    Args:
-        cell: The cell.
-        reachability: What the arm can reach.
-        controller: The arm's velocity.
-        planner: What plans for the controller; None where it does that itself.
+    The ``planner`` plans for the controller; None where that does so itself.
     """
     scenario = cell.scenario
     config, safe = scenario.reachability, scenario.control.safe
@@ -341,11 +337,7 @@ def add_measurement(cell: Cell) -> None:
 
 
 def add_judges(cell: Cell) -> None:
-    """Adds what a run is judged by, in the whole pipeline or beside the drivers, and its logs.
-
-    Args:
-        cell: A cell whose station is simulated.
-    """
+    """Adds what a run in a simulated station is judged by, with or without pipeline; its logs."""
     station = cell.station
     metrics = cell.add("metrics", Metrics(cell.gripper, cell.arm))
     distance = ObstacleDistance(station.plant, station.robot_instances())

@@ -76,10 +76,7 @@ def declare_perceived(
 ) -> None:
     """The output ports ``gpdf``, ``perceived``, ``view_time`` and ``view_faults`` of a perception.
 
-    Args:
-        system: The perception, see `PointCloudToGPDF` for what they are.
-        perceived: What it has seen.
-        state: What that depends on.
+    See `PointCloudToGPDF` for what they are; ``perceived`` depends on ``state``.
     """
 
     def view_time(context: Context) -> float:

@@ -94,14 +94,10 @@ class ObjectInput:
 def declare_input(
     system: LeafSystem, name: str, model: Any = None, *, kind: Any = None
 ) -> InputPort | ObjectInput:
-    """An input port for values of the type of ``model``.
+    """An input port for values of the type of ``model``; for Python objects if that is None.
 
-    Args:
-        system: Whose port it is.
-        name: Of the port.
-        model: A value; None for Python objects.
-        kind: The annotation that those have to satisfy, see `feasigrasp.models.arguments`; the type
-            of ``model``, or anything, unless given.
+    Those have to satisfy the annotation ``kind`` (see `feasigrasp.models.arguments`); unless it is
+    given, they have the type of ``model``, or any.
     """
     value = to_value(model)
     port = system.DeclareAbstractInputPort(name, value)

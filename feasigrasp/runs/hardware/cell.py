@@ -42,13 +42,7 @@ class ReceivedCommands:
     def __init__(
         self, lcm: DrakeLcm, now: Callable[[], float], joints: int = IIWA_7.joints
     ) -> None:
-        """Listens on a bus.
-
-        Args:
-            lcm: The bus.
-            now: Clock of the simulated time [s].
-            joints: How many the arm has.
-        """
+        """Listens on a bus for commands of so many joints; ``now`` tells the simulated time [s]."""
         self.requests: list[float] = []
         self.unusable = self.late = 0
         self.moved = 0.0

@@ -84,15 +84,9 @@ def _largest(
 
 
 def closing_speed(X_WP: Array, phase: Array, period: float) -> float | None:
-    """Speed of the object on its path when the fingers last began to close [m/s].
+    """Speed of the object on its path when the fingers last began to close [m/s]; else None.
 
-    Args:
-        X_WP: Where its motion would have it, shape (n, 4, 4) [m].
-        phase: The `Phase`, shape (n,).
-        period: Time between samples [s].
-
-    Returns:
-        None if they never did.
+    The path X_WP (n, 4, 4) and the `Phase` (n,) are sampled every ``period`` seconds.
     """
     began = np.flatnonzero((phase[1:] == Phase.CLOSE) & (phase[:-1] != Phase.CLOSE)) + 1
     if not len(began):

@@ -141,11 +141,9 @@ class ReferenceRobot:
             self.plant.SetPositions(self._context, instance, upper)
 
     def self_distances(self, Q: Array, below: float = np.inf) -> Array:
-        """Signed distances of the pairs, shape (n, p) [m]; infinite where not ``below``.
+        """Signed distances of the pairs at positions Q (n, 7) [rad], shape (n, p) [m].
 
-        Args:
-            Q: Joint positions, shape (n, 7) [rad].
-            below: Greater distances do not matter, and cost little [m].
+        Those not ``below`` [m] do not matter, cost little, and are infinite.
         """
         place = {frozenset(pair): k for k, pair in enumerate(map(tuple, self.pairs.tolist()))}
         found = np.full((len(Q), len(place)), np.inf)
@@ -156,11 +154,7 @@ class ReferenceRobot:
         return found
 
     def gravity_torques(self, Q: Array) -> Array:
-        """Torques that bear the weight of arm, hand and camera at rest, shape (n, 7) [Nm].
-
-        Args:
-            Q: Joint positions, shape (n, 7) [rad].
-        """
+        """Torques (n, 7) [Nm] that bear arm, hand and camera at rest, by positions Q (n, 7)."""
         torques = np.empty((len(Q), self.arm.joints))
         for row, q in zip(torques, Q, strict=True):
             self.plant.SetPositions(self._context, self._arm, q)

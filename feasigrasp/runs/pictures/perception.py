@@ -47,11 +47,7 @@ def dense_surface(gpdf: Gpdf, across: int = 90) -> SurfacePoints:
 
     `Gpdf.surface` projects a grid, which leaves holes where the field fans out. Here each of its
     points sends neighbours along its tangent plane, which are projected again, until the surface is
-    covered.
-
-    Args:
-        gpdf: The field.
-        across: Points along the longest side of the measured cloud.
+    covered; ``across`` points are along the longest side of the measured cloud.
     """
     spacing = float(np.ptp(gpdf.bounds, axis=0).max()) / across
     # Points of the first, uneven sample are projected from a grid of this many points per side.

@@ -64,16 +64,8 @@ def subscribe(lcm: DrakeLcm, channel: str, receive: Callable[..., None], *given:
     """Has a method called with what comes on a channel, without keeping its object alive.
 
     A bus holds its handlers out of sight of Python's garbage collector: an object that has both
-    the bus and a handler would never be freed, nor the file descriptors of the bus.
-
-    Args:
-        lcm: The bus.
-        channel: The channel.
-        receive: The method; a message's bytes are its last argument.
-        given: Its other arguments.
-
-    Returns:
-        The subscription.
+    the bus and a handler would never be freed, nor the file descriptors of the bus. The method
+    gets the arguments ``given``, then a message's bytes. Returned is the subscription.
     """
     method = weakref.WeakMethod(receive)
 

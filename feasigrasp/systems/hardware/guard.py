@@ -309,9 +309,7 @@ def _brake(url: str, cell: GuardedCell, alone: bool) -> None:
 def end_at_signals(end: Callable[..., None], *, alone: bool) -> None:
     """Lets every signal that would end the process call a function that ends it in order.
 
-    Args:
-        end: The function.
-        alone: Whether Ctrl-C is for this process; otherwise it is for the one that started it.
+    Unless it is ``alone``, Ctrl-C is for the process that has started it.
     """
     for number in signal.valid_signals() - {getattr(signal, f"SIG{n}", 0) for n in _USUAL}:
         signal.signal(number, end)

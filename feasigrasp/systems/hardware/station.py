@@ -69,12 +69,9 @@ class HardwareStation(ArmPorts):
     object_label = channels.MaskLabel.OBJECT
 
     def __init__(self, scenario: Scenario, inbox: DrakeLcm, outbox: DrakeLcm) -> None:
-        """The cell of a scenario, behind two message buses.
+        """The cell of a scenario, whose object is not looked at, behind two message buses.
 
-        Args:
-            scenario: What stands in the cell, cameras included; its object is not looked at.
-            inbox: Where messages come from.
-            outbox: Where they go to.
+        Messages come from ``inbox`` and go to ``outbox``.
 
         Raises:
             ScenarioError: A camera is mounted neither on the arm nor in the world.

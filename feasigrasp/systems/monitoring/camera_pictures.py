@@ -43,12 +43,7 @@ class CameraPictures(LeafSystem):
     """
 
     def __init__(self, label: int, *, period: float = 0.25) -> None:
-        """Starts without pictures.
-
-        Args:
-            label: Label of the object.
-            period: Time between pictures [s].
-        """
+        """Takes pictures every ``period`` seconds, with the object of that label."""
         super().__init__()
         self._label = label
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
@@ -73,10 +68,7 @@ class CameraPictures(LeafSystem):
 def jpeg(color: NDArray[np.uint8], mask: Mask, width: int = 240) -> bytes:
     """A small picture with tinted pixels, as the bytes of a JPEG.
 
-    Args:
-        color: Shape (h, w, 3).
-        mask: What to tint, shape (h, w).
-        width: Of the picture, at most [px].
+    Colors (h, w, 3) are tinted where the mask (h, w) is; the width is at most ``width`` [px].
     """
     quality = 60
     tinted = color.astype(float)

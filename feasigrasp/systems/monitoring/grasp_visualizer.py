@@ -88,12 +88,9 @@ class GraspVisualizer(LeafSystem):
     MAX_REACHABLE, MAX_DROPPED = 8, 4
 
     def __init__(self, meshcat: Meshcat, gripper: Gripper, *, period: float = 0.25) -> None:
-        """A visualizer of one object's grasps.
+        """A visualizer of one object's grasps, with glyphs of the gripper.
 
-        Args:
-            meshcat: Where to draw.
-            gripper: The gripper that the glyphs stand for.
-            period: Time between pictures [s]; they move in between.
+        Pictures come every ``period`` seconds; they move in between.
         """
         super().__init__()
         self._meshcat = meshcat

@@ -99,10 +99,7 @@ def _matrix(port: InputPort, context: Context) -> NDArray[np.float64]:
 def add_run_log(builder: DiagramBuilder, subsystems: Subsystems, period: float = 0.005) -> None:
     """Adds the log of a run to a diagram: a ``connect`` of `make_dynamic_grasp`.
 
-    Args:
-        builder: The builder of the diagram.
-        subsystems: Its systems.
-        period: Time between samples [s]; by default that of the control in packaged scenarios.
+    The period [s] is by default that of the control in packaged scenarios.
     """
     station, tracker, sequencer = subsystems.station, subsystems.tracker, subsystems.sequencer
     log = builder.AddNamedSystem(
@@ -129,11 +126,9 @@ def add_run_log(builder: DiagramBuilder, subsystems: Subsystems, period: float =
 
 
 def read_run_log(diagram: Diagram, context: Context) -> dict[str, NDArray[np.generic]]:
-    """The log of `add_run_log`: ``time`` (n,) [s], and `fields` with n samples each.
+    """The log of `add_run_log` at the end of a run, by the diagram's context then.
 
-    Args:
-        diagram: The diagram.
-        context: Its context, at the end of the run.
+    It has ``time`` (n,) [s], and `fields` with n samples each.
     """
     log = diagram.GetSubsystemByName("log(run)").FindLog(context)
     joints = diagram.GetSubsystemByName("run_log").GetInputPort("position").size()

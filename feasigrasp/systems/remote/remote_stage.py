@@ -87,14 +87,9 @@ class RemoteStage(LeafSystem):
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, latency, weakly(self._await))
 
     def take(self, context: Context, time: float) -> list[float]:
-        """Takes the arrived results, without waiting.
+        """Takes the results that have arrived by now [s] into the context, without waiting.
 
-        Args:
-            context: The system's, which is changed.
-            time: Now [s].
-
-        Returns:
-            From their images to now [s], for all results with other grasps or the like than before.
+        Returned is the time from the image to now [s] of every result with other grasps.
         """
         self.worker.end_if_stuck()
         before = arrived = self._arrived(context)

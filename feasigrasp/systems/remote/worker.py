@@ -39,11 +39,7 @@ class Worker:
     """
 
     def __init__(self, make: Callable[[], System]) -> None:
-        """Starts the process.
-
-        Args:
-            make: Builds the stage, over there; travels by its name.
-        """
+        """Starts the process; ``make``, which travels by its name, builds the stage there."""
         self.ready = threading.Event()
         self._make = make
         self._state: bytes | None = None

@@ -129,10 +129,7 @@ class CalibratedPose(LeafSystem):
     def __init__(self, X_CB: Array, zero: Array, arm: Arm = IIWA_7) -> None:
         """A camera with the calibrated pose ``X_CB`` (4, 4) in its own true frame.
 
-        Args:
-            X_CB: See above.
-            zero: What the encoders measure at zero, shape (n,) [rad].
-            arm: The arm.
+        At zero the arm's encoders measure ``zero`` (n,) [rad].
         """
         super().__init__()
         self._X_CB, self._zero, self._arm = RigidTransform(X_CB), zero, arm

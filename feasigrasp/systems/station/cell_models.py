@@ -171,11 +171,8 @@ def robot_instances(plant: MultibodyPlant, arm: Arm) -> list[ModelInstanceIndex]
 def cell_boxes(config: StationConfig, models: Collection[str] | None = None) -> Boxes:
     """A box about each collision geometry that is fixed to the world and not the arm's base.
 
-    Of a box that is the box itself, of anything else Drake's oriented bounding box.
-
-    Args:
-        config: The cell.
-        models: Names of the models that count; None for all.
+    Of a box that is the box itself, of anything else Drake's oriented bounding box. Of ``models``
+    these count; None for all.
     """
     # Half the size of a box that stands for a half space [m].
     half_space = 10.0

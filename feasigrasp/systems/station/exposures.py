@@ -104,16 +104,10 @@ def _present(context: Context) -> Array:
 def add_exposures(
     builder: DiagramBuilder, name: str, timing: Timing, *sources: tuple[OutputPort, Array]
 ) -> tuple[list[OutputPort], OutputPort]:
-    """Adds `Exposures` of some vectors.
+    """Adds `Exposures` of some vectors: each a port, and its value before the first image.
 
-    Args:
-        builder: The builder.
-        name: Of the system; those before and after it are ``<name>_u`` and ``<name>_y``.
-        timing: The camera's schedule.
-        sources: Each an output port, and its value before the first image.
-
-    Returns:
-        Output ports with the vectors at the exposure, in order, and one with the stamp.
+    The systems before and after it are ``<name>_u`` and ``<name>_y``. Returned are the output ports
+    with the vectors at the exposure, in order, and the one with the stamp.
     """
     sizes = [len(initial) for _, initial in sources]
     before = builder.AddNamedSystem(f"{name}_u", Multiplexer(sizes))

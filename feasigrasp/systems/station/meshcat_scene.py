@@ -23,13 +23,7 @@ LIGHTS = {
 
 
 def add_scene(builder: DiagramBuilder, station: Station, meshcat: Meshcat) -> None:
-    """Adds a visualizer named ``scene`` for the station's geometry.
-
-    Args:
-        builder: The builder that holds the station.
-        station: What to show.
-        meshcat: Where to show it.
-    """
+    """Adds a visualizer named ``scene`` for the geometry of a station in the builder."""
     params = MeshcatVisualizerParams(
         role=Role.kIllustration,
         prefix=PREFIX,

@@ -36,12 +36,7 @@ class ObstacleDistance(LeafSystem):
     """
 
     def __init__(self, plant: MultibodyPlant, robot: Iterable[ModelInstanceIndex]) -> None:
-        """A measurement in the scene of a finalized plant.
-
-        Args:
-            plant: The plant.
-            robot: Model instances of the arm and what it carries.
-        """
+        """A measurement in the scene of a finalized plant, for model instances of the robot."""
         super().__init__()
         robot = list(robot)
         fixed = {int(body.index()) for body in plant.GetBodiesWeldedTo(plant.world_body())}
@@ -91,13 +86,7 @@ class ObjectContact(LeafSystem):
         body_index: BodyIndex,
         robot: Iterable[ModelInstanceIndex],
     ) -> None:
-        """A measurement on a finalized, discrete plant.
-
-        Args:
-            plant: The plant.
-            body_index: The object.
-            robot: Model instances of the arm and what it carries.
-        """
+        """A measurement on a finalized, discrete plant, of a body and instances of the robot."""
         super().__init__()
         self._object = body_index
         self._robot = {index for instance in robot for index in plant.GetBodyIndices(instance)}

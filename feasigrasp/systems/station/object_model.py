@@ -79,15 +79,9 @@ def add_distractor_bodies(
 ) -> DistractorBodies:
     """Puts bodies into a scene graph, and adds the system that moves them; its input is left open.
 
-    They can be seen by cameras and viewers, and are no obstacle to anything.
-
-    Args:
-        builder: The builder that holds the scene graph.
-        scene_graph: Where they are shown.
-        bodies: The bodies.
-        name: Of the system.
-        directory: Existing folder for their meshes; renderers read them late.
-        first_label: Label of the first one in label images; the next ones count up.
+    They can be seen by cameras and viewers, and are no obstacle to anything. Their meshes are
+    written to an existing folder, and read late by renderers. Their labels in label images count up
+    from the first one.
     """
     source = scene_graph.RegisterSource(name)
     frames = []
@@ -123,14 +117,7 @@ def _seen(color: Sequence[float], label: int) -> PerceptionProperties:
 def set_friction(
     plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex, friction: float
 ) -> None:
-    """Gives all collision geometry of a model one Coulomb friction, static and dynamic.
-
-    Args:
-        plant: The plant that holds the model.
-        scene_graph: The scene graph that the plant is registered with.
-        instance: The model.
-        friction: The coefficient.
-    """
+    """Gives all collision geometry of a model one Coulomb friction, static and dynamic."""
     inspector = scene_graph.model_inspector()
     for geometry in _surfaces(plant, instance):
         properties = inspector.GetProximityProperties(geometry)

@@ -46,14 +46,9 @@ class ObjectServo(LeafSystem):
         *,
         pulls: Sequence[ObjectPulled] = (),
     ) -> None:
-        """Reads the body's mass and inertia from the finalized plant.
+        """Carries a body of the finalized plant, with its mass and inertia there, along a motion.
 
-        Args:
-            plant: The finalized plant.
-            body_index: The body to carry; its origin is its centre of mass.
-            motion: Where it should be.
-            carrier: How it is held and let go.
-            pulls: What pulls at it once it is let go.
+        The body's origin is its centre of mass. The ``pulls`` pull at it once it is let go.
         """
         super().__init__()
         body = plant.get_body(body_index)
