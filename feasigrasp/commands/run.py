@@ -178,9 +178,7 @@ def main(args: argparse.Namespace) -> int:
         compile_in_advance(groups)
     live = LiveView(quiet_meshcat()) if args.live else None
     if live is not None:
-        print(
-            f"open {live.server.url} in a browser; the run starts there, or with Enter", flush=True
-        )
+        print(f"open {live.url} in a browser; the run starts there, or with Enter", flush=True)
     line = StatusLine()
     kept = partial(keep, results=args.results, line=line)
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, Rgba, Role
@@ -22,14 +22,8 @@ from feasigrasp.systems.station.cell_models import add_cell, robot_instances
 PREFIX, COLOR = "/drake/ghost", Rgba(0.45, 0.25, 0.85, 0.35)
 
 
-@dataclass(frozen=True, eq=False)
-class Ghost:
-    """A way of the arm.
-
-    Attributes:
-        times: Shape (n,) [s].
-        q: Joint positions, shape (n, 7) [rad].
-    """
+class Ghost(NamedTuple):
+    """A way of the arm: times (n,) [s], and joint positions (n, 7) [rad] at them."""
 
     times: Array
     q: Array

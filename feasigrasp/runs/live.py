@@ -61,29 +61,6 @@ def serve(answer: Callable[[str, bytes], bytes | None]) -> str:
     return f"http://localhost:{server.server_port}/"
 
 
-class LiveServer:
-    """Serves the page of a run and its ``state``.
-
-    Attributes:
-        url: Address of the page.
-    """
-
-    def __init__(self, meshcat_port: int) -> None:
-        """Starts to serve a page that frames the Meshcat of a port."""
-        self.show(0.0, None, None)
-        page = live_page(meshcat_port).encode()
-        self.url = serve(lambda path, _: {"/": page, "/state": self._state}.get(path))
-
-    def show(self, time: float, status: Status | None, picture: Picture | None) -> None:
-        """Sets what the page shows next: simulated time [s], status, and what the camera sees."""
-        state = {
-            "time": time,
-            "status": status and status_words(status),
-            "picture": picture and picture_text(picture),
-        }
-        self._state = json.dumps(state).encode()
-
-
 #: Names of the controls, and the key that presses the button.
 PAUSE, SPEED, KEY = "pause or go on", "speed [x real time]", "Space"
 #: Speeds that the slider has; at the greatest the simulation is not held up. Source: guessed.
@@ -98,16 +75,27 @@ class LiveView:
 
     Attributes:
         meshcat: Where to show the cell.
-        server: Serves the page, and sets what it shows beside the cell.
+        url: Address of the page.
     """
 
     def __init__(self, meshcat: Meshcat) -> None:
-        """Adds the controls to a Meshcat; a browser may come at any time."""
+        """Adds the controls to a Meshcat, and serves; a browser may come at any time."""
         self.meshcat = meshcat
         self.meshcat.AddButton(PAUSE, KEY)
         self.meshcat.AddSlider(SPEED, SLOWEST, FASTEST, STEP, 1.0)
-        self.server = LiveServer(meshcat.port())
         self._speed = 0.0
+        self.show(0.0, None, None)
+        page = live_page(meshcat.port()).encode()
+        self.url = serve(lambda path, _: {"/": page, "/state": self._state}.get(path))
+
+    def show(self, time: float, status: Status | None, picture: Picture | None) -> None:
+        """Sets what the page shows beside the cell: simulated time [s], status, camera picture."""
+        state = {
+            "time": time,
+            "status": status and status_words(status),
+            "picture": picture and picture_text(picture),
+        }
+        self._state = json.dumps(state).encode()
 
     @property
     def paused(self) -> bool:
@@ -120,7 +108,7 @@ class LiveView:
 
     def stay(self) -> None:
         """Serves the page until Enter or Ctrl-C is pressed."""
-        print(f"{self.server.url} stays open; Enter or Ctrl-C ends it", flush=True)
+        print(f"{self.url} stays open; Enter or Ctrl-C ends it", flush=True)
         try:
             _wait(lambda: False)
         except KeyboardInterrupt:

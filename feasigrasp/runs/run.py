@@ -167,7 +167,7 @@ def run(
             if interrupted.is_set():
                 raise KeyboardInterrupt  # there is nothing yet
             if live is not None:
-                say(f"waiting for a browser at {live.server.url}; Enter starts without")
+                say(f"waiting for a browser at {live.url}; Enter starts without")
                 live.wait_for_browser(interrupted)
             started = time.perf_counter()
             say("starting the simulation")
@@ -201,7 +201,7 @@ def run(
         over = context.get_time() - 1.0 / FRAMES_PER_SECOND
         outcome = Status(over, StatusCode.DONE, verdict(record))
     if live is not None:
-        live.server.show(context.get_time(), outcome, pictures[-1] if pictures else None)
+        live.show(context.get_time(), outcome, pictures[-1] if pictures else None)
     if meshcat is not None and replay is not None:
         if ghost is not None:
             say(f"simulating mode {ghost.control.mode} beside it")
@@ -401,4 +401,4 @@ class _Monitor:
             self._line.show(progress(context.get_time(), wall, status), patient=True)
         if self._live is not None and self._camera is not None:
             pictures = self._camera.pictures
-            self._live.server.show(context.get_time(), status, pictures[-1] if pictures else None)
+            self._live.show(context.get_time(), status, pictures[-1] if pictures else None)

@@ -28,13 +28,7 @@ GROUPS = ("task", "joint")
 
 @dataclass(frozen=True)
 class Kernel:
-    """A function and the types that it is compiled for.
-
-    Attributes:
-        module: Its module.
-        name: Its name there.
-        signature: Types of its arguments, see `signature_text`.
-    """
+    """A function of a module, and the types that it is compiled for, see `signature_text`."""
 
     module: str
     name: str

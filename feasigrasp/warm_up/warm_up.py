@@ -30,13 +30,7 @@ _MODELS = Path(__file__).parents[1] / "models"
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of the compilation.
-
-    Attributes:
-        done: How many functions are compiled.
-        count: How many there are.
-        seconds_left: About how long the others take [s].
-    """
+    """How many functions of all are compiled, and about how long the others take [s]."""
 
     done: int
     count: int

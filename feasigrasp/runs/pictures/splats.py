@@ -16,13 +16,7 @@ from feasigrasp.models.geometry.se3 import perpendiculars
 
 @dataclass(frozen=True)
 class Viewer:
-    """A parallel projection.
-
-    Attributes:
-        right: To the right in the picture, unit vector, shape (3,).
-        up: Upwards in the picture.
-        back: From the scene towards the viewer.
-    """
+    """A parallel projection: unit vectors (3,) to the right, up, and back to the viewer."""
 
     right: Array
     up: Array

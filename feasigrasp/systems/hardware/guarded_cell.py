@@ -17,12 +17,9 @@ from feasigrasp.systems.hardware import channels
 
 
 class GuardedCell(NamedTuple):
-    """Clearances of a guard, in a form that goes to another process.
+    """Clearances of a guard, and the arm's speed, in a form that goes to another process.
 
-    Attributes:
-        options: Clearances, and the arm's speed.
-        gripper: The hand.
-        obstacles: Distances to the bodies of the cell, in the frame of the arm's base.
+    The ``obstacles`` are distances to the bodies of the cell, in the frame of the arm's base.
     """
 
     options: SafetyOptions

@@ -19,12 +19,7 @@ TINT, TINT_SHARE = np.array([255.0, 140.0, 0.0]), 0.45
 
 
 class Picture(NamedTuple):
-    """A stored picture.
-
-    Attributes:
-        time: When it was taken [s].
-        jpeg: The file's bytes.
-    """
+    """A stored picture: when it was taken [s], and the bytes of its JPEG."""
 
     time: float
     jpeg: bytes

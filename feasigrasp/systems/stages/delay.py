@@ -14,13 +14,7 @@ from feasigrasp.systems.ports import PeriodicState, declare_input, declare_outpu
 
 @dataclass(frozen=True, eq=False)
 class _Post(Frozen):
-    """What is on its way.
-
-    Attributes:
-        arrived: What has arrived last.
-        sent: The others and when they arrive [s], oldest first.
-        newest: What was sent last.
-    """
+    """What has arrived last, the others and when they arrive [s], and what was sent last."""
 
     arrived: Any
     sent: tuple[tuple[float, Any], ...] = ()

@@ -188,13 +188,7 @@ class FaultyPose(LeafSystem):
 
 @dataclass(frozen=True, eq=False)
 class _Post(Frozen):
-    """What is on its way while the fault is there.
-
-    Attributes:
-        late: Whether the fault is there.
-        arrived: The field that has arrived last.
-        sent: Those on their way and when they were sent, oldest first.
-    """
+    """While the fault is there, the field that has arrived last, and when later ones were sent."""
 
     late: bool = False
     arrived: Gpdf | None = None

@@ -23,13 +23,7 @@ from feasigrasp.systems.ports import declare_input, declare_output, weakly
 
 
 class Timing(NamedTuple):
-    """When a camera takes images, and how long they take, as ``RgbdSensorAsync`` has it.
-
-    Attributes:
-        fps: Exposures in a second [Hz].
-        capture_offset: Time of the first one [s].
-        output_delay: From an exposure until its image is there [s].
-    """
+    """When a camera takes images, and how long they take, see `Exposures`: [Hz], [s], [s]."""
 
     fps: float
     capture_offset: float
