@@ -131,13 +131,6 @@ def make_object_pixels(scenario: Scenario, name: str = "") -> SegmentPointCloud:
     return SegmentPointCloud(Label.OBJECT, camera=camera, hiding=hiding, smears=smears)
 
 
-def make_field_tracker(scenario: Scenario) -> FieldTracker:
-    """The tracker on perception's cameras, with their noise models."""
-    second = scenario.perception.second_camera
-    other = make_camera(scenario, second) if second else None
-    return FieldTracker(make_camera(scenario), scenario.tracker, other)
-
-
 def uses_eye_in_hand_tracking(scenario: Scenario) -> bool:
     """Whether the object is tracked with a camera on the arm."""
     return scenario.tracker.kind == TrackerKind.CAMERA and has_eye_in_hand_camera(scenario)
@@ -230,10 +223,12 @@ def make_perception(scenario: Scenario) -> LeafSystem:
 
 
 def make_tracker(scenario: Scenario) -> LeafSystem:
-    """The tracker of a scenario."""
-    if scenario.tracker.kind == TrackerKind.CAMERA:
-        return make_field_tracker(scenario)
-    return ObjectTracker(scenario.tracker)
+    """The tracker of a scenario; on perception's cameras it has their noise models."""
+    if scenario.tracker.kind != TrackerKind.CAMERA:
+        return ObjectTracker(scenario.tracker)
+    second = scenario.perception.second_camera
+    other = make_camera(scenario, second) if second else None
+    return FieldTracker(make_camera(scenario), scenario.tracker, other)
 
 
 def make_part(part: Part, scenario: Scenario, reachability: Reachability) -> Any:

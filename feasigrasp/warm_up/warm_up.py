@@ -73,7 +73,8 @@ def warm_up(
             worker.communicate()
     if work.left():
         return [*work.failures, f"{len(work.left())} others: no process is left"]
-    write_stamps(groups)
+    for group in groups:
+        write_text(_stamp(group), _key())
     return work.failures
 
 
@@ -166,12 +167,6 @@ def cache_folder() -> Path:
 def is_warm(groups: Collection[str]) -> bool:
     """Whether all that these runs call is compiled, for this processor and of these sources."""
     return all(_is_this(_stamp(group)) for group in groups)
-
-
-def write_stamps(groups: Collection[str]) -> None:
-    """Notes that it is."""
-    for group in groups:
-        write_text(_stamp(group), _key())
 
 
 def _stamp(group: str) -> Path:

@@ -35,11 +35,7 @@ SAME_POSITION, SAME_ANGLE = 0.03, np.deg2rad(30.0)
 
 
 def tracking_metrics(
-    position_error: Array,
-    angle_error: Array,
-    X_OH: Array,
-    following: Mask,
-    period: float,
+    position_error: Array, angle_error: Array, X_OH: Array, following: Mask, period: float
 ) -> dict[str, float | None]:
     """Figures of the samples in which the hand follows the object with open fingers.
 

@@ -193,11 +193,6 @@ def gripper_outline(gripper: Gripper) -> Array:
     return np.array([(a, 0.0, b) for a, b in line])
 
 
-def outlines_at(X_OG: Array, outline: Array) -> Array:
-    """A line (k, 3) in frame G at poses (n, 4, 4), shape (n, k, 3) [m]."""
-    return np.asarray(np.einsum("nij,kj->nki", X_OG[:, :3, :3], outline) + X_OG[:, None, :3, 3])
-
-
 def draw_perception(perception: Perception, filename: Path, title: str = "") -> None:
     """Draws the cloud, the completed surface from both sides, and the grasps, as a PNG.
 
@@ -237,7 +232,7 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
         axes[3], front, surface.points, (0.72, 0.74, 0.78), size=dot, normals=surface.normals
     )
     X_OG, hand = shown_grasps(perception), gripper_outline(perception.gripper)
-    lines = outlines_at(X_OG, hand)
+    lines = np.einsum("nij,kj->nki", X_OG[:, :3, :3], hand) + X_OG[:, None, :3, 3]
     draw_lines(axes[3], front, lines, GRASP_COLOR, alpha=0.8)
     for X in X_OG[:1]:
         draw_axes(axes[3], front, X, size)

@@ -16,6 +16,8 @@ from feasigrasp.systems.ports import declare_input, weakly
 
 #: Colour that the object's pixels are mixed with, and the share of it. Source: layout.
 TINT, TINT_SHARE = np.array([255.0, 140.0, 0.0]), 0.45
+#: Time between pictures [s]. Source: layout.
+PERIOD = 0.25
 
 
 class Picture(NamedTuple):
@@ -26,7 +28,7 @@ class Picture(NamedTuple):
 
 
 class CameraPictures(LeafSystem):
-    """Takes a picture every period.
+    """Takes a picture every `PERIOD`.
 
     .. pydrake_system::
 
@@ -37,15 +39,15 @@ class CameraPictures(LeafSystem):
     is left out: it is what a camera delivers before its first one.
     """
 
-    def __init__(self, label: int, *, period: float = 0.25) -> None:
-        """Takes pictures every ``period`` seconds, with the object of that label."""
+    def __init__(self, label: int) -> None:
+        """Takes pictures with the object of that label."""
         super().__init__()
         self._label = label
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
         self._labels = declare_input(self, "label_image", ImageLabel16I(1, 1))
         self.pictures: list[Picture] = []
         self.DeclareInitializationPublishEvent(weakly(self._clear))
-        self.DeclarePeriodicPublishEvent(period, 0.0, weakly(self._take))
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weakly(self._take))
 
     def _clear(self, context: Context) -> EventStatus:
         self.pictures.clear()

@@ -147,7 +147,6 @@ class StatusMonitor(LeafSystem):
         gripper: Gripper,
         sequence: GraspSequenceConfig | None = None,
         *,
-        period: float = PERIOD,
         sees_slip: bool = True,
         arm: Arm = IIWA_7,
     ) -> None:
@@ -156,7 +155,6 @@ class StatusMonitor(LeafSystem):
         Args:
             gripper: The hand.
             sequence: When it closes; by default as the configuration's defaults say.
-            period: Time between looks [s].
             sees_slip: Whether the pose of an object in the hand is measured: a camera on the hand
                 sees too little of it, and two of three slips that it shows are none.
             arm: The arm.
@@ -180,7 +178,7 @@ class StatusMonitor(LeafSystem):
         self._search_target = declare_input(self, "search_target", kind=SearchTarget | None)
         self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
         self._contradicted = declare_input(self, "contradicted", kind=bool)
-        self._reported = PeriodicState(self, _Reported(), period, self._look)
+        self._reported = PeriodicState(self, _Reported(), PERIOD, self._look)
         state = {self._reported.ticket()}
         declare_output(self, "status", self.status, state)
         declare_output(self, "history", lambda context: self._reported.Eval(context).history, state)

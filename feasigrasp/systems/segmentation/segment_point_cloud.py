@@ -82,16 +82,13 @@ class SegmentPointCloud(LeafSystem):
         self._segmented = declare_cache(self, "segmented", self._calc, inputs)
         segmented = {self._segmented.ticket()}
         declare_output(self, "point_cloud", self._calc_cloud, segmented, model=PointCloud())
-        declare_output(self, "outline", self._calc_outline, segmented)
+        declare_output(self, "outline", lambda context: self._segmented.Eval(context)[1], segmented)
 
     def _calc_cloud(self, context: Context) -> PointCloud:
         chosen, _ = self._segmented.Eval(context)
         cloud = PointCloud(chosen.shape[1])
         cloud.mutable_xyzs()[:] = chosen
         return cloud
-
-    def _calc_outline(self, context: Context) -> Outline | None:
-        return self._segmented.Eval(context)[1]
 
     def _calc(self, context: Context) -> tuple[NDArray[np.floating], Outline | None]:
         """Points of the body, shape (3, n) [m], and its outline."""

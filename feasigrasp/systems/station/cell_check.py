@@ -27,11 +27,7 @@ FINGER_JOINTS = ("left_finger_joint", "right_finger_joint")
 
 
 def check_cell(
-    plant: MultibodyPlant,
-    gripper: Gripper,
-    arm: Arm = IIWA_7,
-    *,
-    hand_error: ArrayLike = _NONE,
+    plant: MultibodyPlant, gripper: Gripper, arm: Arm = IIWA_7, *, hand_error: ArrayLike = _NONE
 ) -> None:
     """Compares a finalized plant with the arm and the hand that the project computes with.
 

@@ -81,10 +81,7 @@ class ObjectContact(LeafSystem):
     """
 
     def __init__(
-        self,
-        plant: MultibodyPlant,
-        body_index: BodyIndex,
-        robot: Iterable[ModelInstanceIndex],
+        self, plant: MultibodyPlant, body_index: BodyIndex, robot: Iterable[ModelInstanceIndex]
     ) -> None:
         """A measurement on a finalized, discrete plant, of a body and instances of the robot."""
         super().__init__()
