@@ -5,8 +5,6 @@ its docstring says what it does. It is imported only when it is called. Other pa
 by an entry point (`feasigrasp.plugins`), as feasigrasp_lab adds ``evaluate``.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -3,8 +3,6 @@
 Devices, pipes and other files that are not regular stay what they are: they are written into.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import tempfile

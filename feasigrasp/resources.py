@@ -1,7 +1,5 @@
 """Where model and diagram files live: beside the package in a wheel, at the root in a checkout."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from feasigrasp.errors import FeasigraspError

@@ -6,8 +6,6 @@ kind is needed for extras only. The exit status is 1 if there is a problem.
 Libraries are imported where they are looked at, so that one that is missing hides no other.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

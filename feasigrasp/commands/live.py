@@ -10,8 +10,6 @@ What was recorded is tracked again by `feasigrasp track`. For another computer f
 the page and of its Meshcat, which are printed (``ssh -L PORT:localhost:PORT``).
 """
 
-from __future__ import annotations
-
 import argparse
 from itertools import chain
 from pathlib import Path

@@ -13,8 +13,6 @@ in metres, in the camera's frame (the camera in the origin, z forward); ``--scal
 where grasps come from, as in scenarios.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -4,8 +4,6 @@ It prints whether the object was held, what went on, and the figures of
 ``docs/results_schema.md``; on a terminal one line says meanwhile how far it is.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from contextlib import suppress

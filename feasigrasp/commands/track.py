@@ -10,8 +10,6 @@ a box in the first image, suffices. No robot and no model of the object is neede
 poses are written as TUM's trajectories are, its shape as a cloud.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

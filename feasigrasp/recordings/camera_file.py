@@ -15,8 +15,6 @@
 Of BOP's ``scene_camera.json`` the first image counts.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Reads depth images and masks, rejects implausible ones, and takes out the object's points."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Depth and color images of a ROS 2 recording (rosbag2 in MCAP), as those of a camera."""
 
-from __future__ import annotations
-
 import io
 import itertools
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Console output of a run: a progress line, and a table of the outcome."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 import threading

@@ -1,7 +1,5 @@
 """A translucent second arm in a replay, for the comparison of modes."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from typing import NamedTuple
 

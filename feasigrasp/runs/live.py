@@ -1,7 +1,5 @@
 """Pages in a browser: a run in real time, with pause and a speed slider; a live camera."""
 
-from __future__ import annotations
-
 import json
 import select
 import sys

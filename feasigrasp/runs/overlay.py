@@ -1,7 +1,5 @@
 """HTML overlay of Meshcat: legend, status line and camera picture."""
 
-from __future__ import annotations
-
 import base64
 import json
 from collections.abc import Sequence

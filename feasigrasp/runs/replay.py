@@ -1,7 +1,5 @@
 """Records a simulation in Meshcat as one offline HTML file, with a still picture."""
 
-from __future__ import annotations
-
 import logging
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Runs one scenario and writes its record."""
 
-from __future__ import annotations
-
 import gc
 import threading
 import time

@@ -1,7 +1,5 @@
 """Places the arm at a grasp without a path, as in the paper's static test."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.systems.analysis import Simulator, SimulatorStatus
 

@@ -1,7 +1,5 @@
 """Checks of the cameras of a scenario: keys of Drake's ``CameraConfig``."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from pydrake.math import RigidTransform

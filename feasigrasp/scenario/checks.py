@@ -1,7 +1,5 @@
 """Checks of scenario values: each by its field, and conditions between keys."""
 
-from __future__ import annotations
-
 import dataclasses as dc
 import math
 import re

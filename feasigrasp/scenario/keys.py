@@ -4,8 +4,6 @@ Drake's own reader takes the last of several equal keys, names no section, and e
 where a section is no section; the text is looked at before it is read.
 """
 
-from __future__ import annotations
-
 import dataclasses as dc
 import types
 import typing

@@ -1,7 +1,5 @@
 """Control modes that packages add beside ``safe``, the mode of this package."""
 
-from __future__ import annotations
-
 from typing import Any, Protocol
 
 from pydrake.systems.framework import LeafSystem

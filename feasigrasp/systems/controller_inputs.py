@@ -1,7 +1,5 @@
 """The inputs of a controller of the arm at one instant."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The whole pipeline as one diagram, from the scenario that describes it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Makes the systems of the pipeline from a scenario."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any

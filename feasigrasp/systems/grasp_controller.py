@@ -1,7 +1,5 @@
 """Base system of grasp controllers: ports, rates, state and safety filter."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cached_property
 from typing import Annotated, Any

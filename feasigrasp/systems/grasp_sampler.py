@@ -1,7 +1,5 @@
 """Samples grasps from the distance field of the object."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

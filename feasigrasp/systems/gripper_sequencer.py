@@ -1,7 +1,5 @@
 """State machine of the gripper: close, release from the carrier, lift, shake, hold."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

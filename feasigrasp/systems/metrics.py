@@ -1,7 +1,5 @@
 """Samples the quantities behind the metrics of a run."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem

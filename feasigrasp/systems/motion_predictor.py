@@ -1,7 +1,5 @@
 """Another prediction of the object's motion, behind any tracker."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

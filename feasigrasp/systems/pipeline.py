@@ -1,7 +1,5 @@
 """The systems of the diagram, in the order of `feasigrasp.systems.wiring`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Fuses the surroundings of the object into a scene field."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Filters of grasps by payload, scene and reachability."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity

@@ -6,8 +6,6 @@ scenario (`feasigrasp.systems.pipeline.Cell`), such as a port behind a fault. Of
 separated by ``|``, the first that this diagram has is taken; an input without a source stays open.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System

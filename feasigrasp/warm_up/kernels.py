@@ -4,8 +4,6 @@ The file is written by ``tools/make_kernels.py`` from what runs called. Types ar
 syntax: ``(float64, array(float64, 2, 'C'), named('some.module:Load', float64, int64), )``.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Stamp files beside the compiled code record what is compiled, of which sources, 
 processor.
 """
 
-from __future__ import annotations
-
 import hashlib
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Runs the simulated cell behind driver messages, and evaluates the run."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Failure cause of a run without grasp success."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum

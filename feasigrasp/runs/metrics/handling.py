@@ -1,7 +1,5 @@
 """Metrics of the object: displacement, premature contact, in-hand motion, grasp success."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

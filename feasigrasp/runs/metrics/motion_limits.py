@@ -1,7 +1,5 @@
 """Violations of velocity and acceleration limits, by the commanded and by the true motion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Aggregates the samples of a run into its metrics."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

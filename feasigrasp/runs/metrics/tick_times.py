@@ -1,7 +1,5 @@
 """Computation times of a controller, per tick."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Picture of a perception result: cloud, completed surface and grasps."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 

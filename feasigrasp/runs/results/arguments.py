@@ -1,7 +1,5 @@
 """Reads options of commands, and prints what a mesh's loader notes."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Files of grasps for other programs, and of theirs: JSON, npz, GraspNet's 17 columns."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

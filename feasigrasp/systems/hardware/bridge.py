@@ -4,8 +4,6 @@ Those are drake-iiwa-driver's, with as many joints as the arm has, at the rate o
 guard answers every state with a step within the limits of that cycle (1 to 10 ms).
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

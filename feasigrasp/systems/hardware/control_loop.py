@@ -1,7 +1,5 @@
 """Advances a diagram with the clock of the arm's status messages."""
 
-from __future__ import annotations
-
 import math
 import struct
 import time

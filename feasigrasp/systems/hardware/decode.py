@@ -1,7 +1,5 @@
 """Decodes messages of the bus; whatever they contain, memory and time are bounded."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from io import BytesIO

@@ -1,7 +1,5 @@
 """Command guard process: outlives the controller, and brakes on its timeout."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

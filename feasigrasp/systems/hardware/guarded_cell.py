@@ -1,7 +1,5 @@
 """What a guard keeps the arm clear of: itself, its hand, and the cell."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from feasigrasp.models.control.safety.command_guard import CommandGuard

@@ -1,7 +1,5 @@
 """Messages of cameras and motion capture, sent by the simulated cell and received by a station."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Iterable
 from typing import Any

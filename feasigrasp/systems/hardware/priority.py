@@ -1,7 +1,5 @@
 """Real-time priority of time-critical processes."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

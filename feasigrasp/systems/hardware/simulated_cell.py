@@ -1,7 +1,5 @@
 """Simulated cell behind driver messages."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The station's ports on top of driver messages."""
 
-from __future__ import annotations
-
 from drake import (
     lcmt_iiwa_command,
     lcmt_iiwa_status,

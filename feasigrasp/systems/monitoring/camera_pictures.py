@@ -1,7 +1,5 @@
 """Stores camera images with the segmented object as small pictures."""
 
-from __future__ import annotations
-
 import io
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Detects unexpected contact by the arm's external joint torques."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 

@@ -1,7 +1,5 @@
 """Draws the completed surface and the grasps in Meshcat."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform

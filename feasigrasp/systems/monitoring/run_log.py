@@ -1,7 +1,5 @@
 """Logs arm, object and grasp at the control rate."""
 
-from __future__ import annotations
-
 from math import prod
 
 import numpy as np

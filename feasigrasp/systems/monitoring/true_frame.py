@@ -1,7 +1,5 @@
 """True pose of the object frame that a tracker has chosen."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem

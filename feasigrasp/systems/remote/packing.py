@@ -1,7 +1,5 @@
 """Serialization of port values between processes, Drake's clouds and images included."""
 
-from __future__ import annotations
-
 import copyreg
 import io
 import pickle

@@ -1,7 +1,5 @@
 """Proxy of a stage that runs in another process."""
 
-from __future__ import annotations
-
 import weakref
 from collections import deque
 from collections.abc import Callable

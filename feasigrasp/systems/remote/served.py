@@ -1,7 +1,5 @@
 """A stage outside its diagram: inputs at an instant in, changed outputs out."""
 
-from __future__ import annotations
-
 import signal
 from contextlib import suppress
 from multiprocessing.connection import Connection

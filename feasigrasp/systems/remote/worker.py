@@ -1,7 +1,5 @@
 """A worker process, and the thread that communicates with it."""
 
-from __future__ import annotations
-
 import multiprocessing
 import queue
 import subprocess

@@ -1,7 +1,5 @@
 """Segments the object in camera images: by their depth alone, or by a mask function."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

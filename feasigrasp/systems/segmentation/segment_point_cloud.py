@@ -1,7 +1,5 @@
 """Selects the pixels of one body in an organized point cloud."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Delays values by a latency."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

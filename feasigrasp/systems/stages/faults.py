@@ -1,7 +1,5 @@
 """Fault injection between two systems of a diagram."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """A depth camera of the station: renderer, sensor noise, point cloud, ports."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Checks that a robot cell matches the kinematics, limits and hand of the package."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Description of the robot cell, its models in a plant, and boxes about them."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Annotated

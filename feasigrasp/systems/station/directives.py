@@ -1,7 +1,5 @@
 """The directives of a scenario's cell: its own, with another hand, table height and obstacles."""
 
-from __future__ import annotations
-
 import itertools
 import tempfile
 from collections.abc import Iterator

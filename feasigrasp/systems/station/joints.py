@@ -1,7 +1,5 @@
 """Joint sensors of the simulated arm, and the drive of its fingers."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 

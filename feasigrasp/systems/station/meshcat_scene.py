@@ -1,7 +1,5 @@
 """Shows a station in Meshcat: its illustration geometry, light, background and camera."""
 
-from __future__ import annotations
-
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, Role
 from pydrake.systems.framework import DiagramBuilder
 

@@ -1,7 +1,5 @@
 """Contact of arm and hand with the object before closing, from the contact solver."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

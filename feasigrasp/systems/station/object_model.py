@@ -1,7 +1,5 @@
 """Adds a `RigidObject` to a MultibodyPlant as a free body with its true shape."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

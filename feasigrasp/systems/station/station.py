@@ -1,7 +1,5 @@
 """The robot cell as one diagram: arm, gripper, wrist camera, table and a moving object."""
 
-from __future__ import annotations
-
 import copy
 import tempfile
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Simulated seal of a suction cup: a stiff spring that holds within the cup's limits."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
