@@ -152,19 +152,10 @@ def main(args: argparse.Namespace) -> int:
             f"no object was found in the {len(poses)} images of {args.folder}; give a --box about "
             "it, --on-table if it stands on one and is higher than 1 cm, masks, or another --label"
         )
+    turns = Rotation.from_matrix(poses[tracked, :3, :3]).as_quat()
+    rows = np.column_stack([recording.times[tracked], poses[tracked, :3, 3], turns])
     with replacing(poses_file) as file:
-        np.savetxt(
-            file,
-            np.column_stack(
-                [
-                    recording.times[tracked],
-                    poses[tracked, :3, 3],
-                    Rotation.from_matrix(poses[tracked, :3, :3]).as_quat(),
-                ]
-            ),
-            fmt="%.6f",
-            header="time tx ty tz qx qy qz qw",
-        )
+        np.savetxt(file, rows, fmt="%.6f", header="time tx ty tz qx qy qz qw")
     with replacing(shape_file) as file:
         trimesh.PointCloud(shape.cloud.points).export(file, file_type="ply")
     size = 1e2 * np.ptp(shape.gpdf.completion.points, axis=0)

@@ -164,12 +164,9 @@ class ReachabilityFilter(LeafSystem):
         self._symmetric_grasps = symmetric_grasps
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._now = _SituationInputs(self, reachability, prediction)
-        self._kept_before = PeriodicState(
-            self,
-            np.zeros(0, dtype=np.int64),
-            period,
-            lambda context: judged.Eval(context).grasps.id,
-        )
+        none = np.zeros(0, dtype=np.int64)
+        kept = PeriodicState(self, none, period, lambda context: judged.Eval(context).grasps.id)
+        self._kept_before = kept
         inputs = {self._grasps.ticket(), self._kept_before.ticket(), *self._now.tickets}
         judged = declare_cache(self, "judged", self._calc_judged, inputs)
         of_judged = {judged.ticket()}

@@ -173,24 +173,13 @@ class ReferenceRobot:
         hulls: list[GeometryId] = []
         for visual in self.plant.GetVisualGeometriesForBody(body):
             shape, X_BV = inspector.GetShape(visual), inspector.GetPoseInFrame(visual)
-            if isinstance(shape, Capsule):
-                name = f"capsule {len(hulls)}"
-                hulls.append(
-                    self.plant.RegisterCollisionGeometry(
-                        body, X_BV, shape, name, ProximityProperties()
-                    )
-                )
-            if not isinstance(shape, Mesh):
-                continue
-            for piece in slices(shape, SLICES.get(body.name(), 1)):
-                text = trimesh.exchange.obj.export_obj(piece, header=None, include_normals=False)
-                memory = InMemoryMesh(mesh_file=MemoryFile(text.encode(), ".obj", "slice"))
+            pieces = [shape] if isinstance(shape, Capsule) else []
+            if isinstance(shape, Mesh):
+                pieces = [_convex(piece) for piece in slices(shape, SLICES.get(body.name(), 1))]
+            for piece in pieces:
                 name = f"hull {len(hulls)} of {inspector.GetName(visual)}"
-                hulls.append(
-                    self.plant.RegisterCollisionGeometry(
-                        body, X_BV, Convex(memory), name, ProximityProperties()
-                    )
-                )
+                given = body, X_BV, piece, name, ProximityProperties()
+                hulls.append(self.plant.RegisterCollisionGeometry(*given))
         return hulls
 
     def _keep_apart(self, bodies: list[RigidBody], hulls: list[list[GeometryId]]) -> Array:
@@ -227,6 +216,11 @@ def slices(shape: Mesh, n: int) -> list[trimesh.Trimesh]:
         inside = points[(points[:, 2] >= bottom) & (points[:, 2] <= top)]
         found.append(np.concatenate([inside, _crossing(edges, bottom), _crossing(edges, top)]))
     return [trimesh.convex.convex_hull(piece) for piece in found]
+
+
+def _convex(piece: trimesh.Trimesh) -> Convex:
+    text = trimesh.exchange.obj.export_obj(piece, header=None, include_normals=False)
+    return Convex(InMemoryMesh(mesh_file=MemoryFile(text.encode(), ".obj", "slice")))
 
 
 def _crossing(edges: Array, height: float) -> Array:

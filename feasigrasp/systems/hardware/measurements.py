@@ -212,15 +212,9 @@ class ObjectPoseSender(LeafSystem):
         self._config = config
         self._pose = declare_input(self, "pose", RigidTransform())
         rows = np.full((round(config.latency / config.period) + 1) * _ROW, np.nan)
-        state = self.DeclareDiscreteState(rows)
+        state = {self.discrete_state_ticket(self.DeclareDiscreteState(rows))}
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, weakly(self._measure))
-        declare_output(
-            self,
-            "message",
-            self._calc,
-            {self.discrete_state_ticket(state)},
-            model=lcmt_robot_state(),
-        )
+        declare_output(self, "message", self._calc, state, model=lcmt_robot_state())
 
     def _measure(self, context: Context, state) -> EventStatus:
         rows, time = context.get_discrete_state_vector().value(), context.get_time()

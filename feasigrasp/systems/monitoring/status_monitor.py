@@ -212,18 +212,17 @@ class StatusMonitor(LeafSystem):
         for reason in (Rejection.HITS_SCENE, Rejection.UNOBSERVED, Rejection.TOO_HEAVY):
             verdicts[str(reason)] += reachable.rejected.get(reason, 0)
         judged = {reason: n for reason, n in verdicts.items() if reason not in _FINE}
-        # What a tracker that says nothing of its pose is taken to mean.
-        phase, tracking = (
-            Phase(int(self._phase.Eval(context)[0])),
-            Tracking(TrackingState.TRACKING, 0.0),
-        )
-        if self._tracking.HasValue(context):
-            tracking = self._tracking.Eval(context)
-        X_OH = self._hand(context)
+        phase, X_OH = Phase(int(self._phase.Eval(context)[0])), self._hand(context)
+        # A tracker that says nothing of its pose is taken to track.
+        tracking = optional(self._tracking, context) or Tracking(TrackingState.TRACKING, 0.0)
         # The last look before the object was let go was at the very time.
         held = reported.X_OH if phase > Phase.CLOSE else X_OH
         in_hand = self._sees_slip and phase > Phase.CLOSE and not tracking.lost
         slipped, turned = _least_error(held[None], X_OH) if in_hand and held is not None else _NONE
+        unmet = ""
+        if X_OH is not None and len(reachable) > 0:
+            measured = tracking.state is TrackingState.TRACKING
+            unmet = unmet_condition(X_OH, reachable, self._sequence, measured=measured)
         code, detail = judge(
             Situation(
                 phase=phase,
@@ -245,14 +244,7 @@ class StatusMonitor(LeafSystem):
                 unobserved=self._unobserved(context),
                 slipped=slipped,
                 turned=turned,
-                unmet=""
-                if X_OH is None or len(reachable) == 0
-                else unmet_condition(
-                    X_OH,
-                    reachable,
-                    self._sequence,
-                    measured=tracking.state is TrackingState.TRACKING,
-                ),
+                unmet=unmet,
             )
         )
         held = X_OH if held is None else held

@@ -79,12 +79,9 @@ def modeled_bodies(scenario: Scenario) -> list[str]:
     Raises:
         ScenarioError: `CellConfig.unmodeled` has another name.
     """
+    known = (load_arm(scenario.arm).name, "gripper", "camera", "table")
     names = [each.add_model.name for each in _flat(scenario) if each.add_model is not None]
-    names = [
-        name
-        for name in names
-        if name not in (load_arm(scenario.arm).name, "gripper", "camera", "table")
-    ]
+    names = [name for name in names if name not in known]
     for name in scenario.cell.unmodeled:
         if name not in names:
             raise ScenarioError(
