@@ -184,15 +184,10 @@ def mask_of(
 def read_color(
     file: str | Path, shape: tuple[Count, Count], factor: Count = 1
 ) -> NDArray[np.uint8]:
-    """Reads a color image of the pixels of a depth image.
+    """Reads a color image of the pixels of a depth image of a shape (height, width).
 
-    Args:
-        file: A picture; a JPEG is decoded at the size that is asked for, where it can be.
-        shape: Height and width of the depth image.
-        factor: As of `decimated`.
-
-    Returns:
-        Shape (height // factor, width // factor, 3).
+    A JPEG is decoded at the size that is asked for, where it can be: ``factor`` is that of
+    `decimated`, the result of shape (height // factor, width // factor, 3).
 
     Raises:
         InputError: It is no picture, or has another size.
@@ -209,14 +204,10 @@ def read_color(
 
 
 def decimated(depth: Array, factor: int) -> Array:
-    """A depth image with fewer pixels: medians of what was measured in squares of pixels.
+    """A depth image (h, w) [m] with fewer pixels: medians of what was measured in their squares.
 
-    Args:
-        depth: 0 where nothing was measured, shape (h, w) [m].
-        factor: Pixels along the side of a square.
-
-    Returns:
-        The lower of two medians, 0 for squares without a depth, shape (h // factor, w // factor).
+    A side of a square has ``factor`` pixels. Of two medians it is the lower one, and 0 for squares
+    without a depth, shape (h // factor, w // factor).
     """
     if factor == 1:
         return depth

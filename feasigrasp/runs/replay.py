@@ -52,15 +52,11 @@ def write_replay(
     pictures: Sequence[Picture] = (),
     ghost: str = "",
 ) -> None:
-    """Writes what was recorded as a self-contained HTML file.
+    """Writes what a Meshcat has recorded as a self-contained HTML file.
 
-    Args:
-        meshcat: It has recorded.
-        filename: The file.
-        history: What a line at the foot of the page says, and from when on. With it come a legend
-            and a bar that plays; without it there is nothing but the recording.
-        pictures: What an inset shows beside it.
-        ghost: Mode of the translucent arm, if there is one.
+    With a history of statuses a line at the foot of the page says them, and there are a legend and
+    a bar that plays; without it there is nothing but the recording. An inset shows the pictures.
+    ``ghost`` is the mode of the translucent arm, if there is one.
     """
     meshcat.StopRecording()
     meshcat.PublishRecording()

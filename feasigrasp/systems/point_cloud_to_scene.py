@@ -64,12 +64,8 @@ class PointCloudToScene(LeafSystem):
     ) -> None:
         """A perception of the surroundings that looks every ``period`` seconds.
 
-        Args:
-            ignored_labels: Labels of the bodies that are no part of the scene: robot and object.
-            gripper: The hand that the arm carries; the default one if None.
-            period: Time between views [s].
-            resolution: Resolution of the scene [m].
-            arm: The arm.
+        Ignored are the labels of robot and object. The arm carries the default hand if ``gripper``
+        is None. The ``resolution`` is that of the scene [m].
         """
         super().__init__()
         self._ignored, self._resolution = np.array(sorted(set(ignored_labels))), resolution

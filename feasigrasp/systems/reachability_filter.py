@@ -81,13 +81,10 @@ class SceneFilter(LeafSystem):
     def __init__(
         self, gripper: Gripper, *, margin: float = 0.005, either_way_round: bool = False
     ) -> None:
-        """A filter for one hand.
+        """A filter for one hand, which keeps ``margin`` [m] from every surface.
 
-        Args:
-            gripper: The hand.
-            margin: Least distance of the hand from every surface [m].
-            either_way_round: Whether a grasp stays if the hand is clear after half a turn about
-                the approach direction; for sets whose grasps have not been turned yet.
+        A grasp stays ``either_way_round`` if the hand is clear after half a turn about the approach
+        direction; for sets whose grasps have not been turned yet.
         """
         super().__init__()
         self._gripper, self._margin, self._either = gripper, margin, either_way_round

@@ -68,12 +68,7 @@ def torque_metrics(
     """``torque_limit_violation_percent`` and ``torque_peak_percent``.
 
     The simulated arm is weightless, a real one is not: what its motors would bear is the simulated
-    actuation and the weight of arm, hand and camera.
-
-    Args:
-        reference: Model with the weight.
-        Q: Joint positions, shape (m, 7) [rad].
-        actuation: Torques of the simulated motors at the same times, shape (m, 7) [Nm].
+    actuation (m, 7) [Nm], and the weight of arm, hand and camera at positions Q (m, 7) [rad].
     """
     share = np.abs(actuation + reference.gravity_torques(Q)) / reference.arm.effort_limits
     clamped = np.abs(actuation) / reference.arm.effort_limits

@@ -266,12 +266,9 @@ def refuse_if_commanded(lcm: DrakeLcm) -> None:
 def main(url: str, begun: Callable[[], None], cell: GuardedCell, *, alone: bool = False) -> None:
     """Process of a guard; any signal that ends processes ends it as soon as its arm rests.
 
-    Args:
-        url: Where driver and controller are.
-        begun: Called when it serves.
-        cell: The arm's speed, and what it is kept clear of.
-        alone: Whether no controller has started it: then it serves one after the other, and Ctrl-C
-            is meant for it. Else it leaves the terminal, whose signals are the controller's.
+    It calls ``begun`` when it serves. If it is ``alone``, no controller has started it: then it
+    serves one after the other, and Ctrl-C is meant for it. Else it leaves the terminal, whose
+    signals are the controller's.
 
     Raises:
         HardwareError: Somebody commands the arm already.

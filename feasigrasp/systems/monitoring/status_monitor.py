@@ -152,12 +152,8 @@ class StatusMonitor(LeafSystem):
     ) -> None:
         """A monitor of an arm that carries ``gripper``, which closes as ``sequence`` says.
 
-        Args:
-            gripper: The hand.
-            sequence: When it closes; by default as the configuration's defaults say.
-            sees_slip: Whether the pose of an object in the hand is measured: a camera on the hand
-                sees too little of it, and two of three slips that it shows are none.
-            arm: The arm.
+        It ``sees_slip`` if the pose of an object in the hand is measured: a camera on the hand sees
+        too little of it, and two of three slips that it shows are none.
         """
         super().__init__()
         self._sees_slip, self._arm = sees_slip, arm

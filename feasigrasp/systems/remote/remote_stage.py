@@ -55,12 +55,8 @@ class RemoteStage(LeafSystem):
     ) -> None:
         """Starts the process, and builds the stage here as well, for its ports.
 
-        Args:
-            make: Builds the stage; a function that can be imported, with arguments that can be
-                pickled.
-            period: Time between views [s].
-            latency: After which simulated time its results are there [s]; None takes them as they
-                come.
+        Views are ``period`` [s] apart. ``make`` can be imported, and its arguments pickled. Results
+        are there after the simulated time ``latency`` [s]; None takes them as they come.
         """
         super().__init__()
         self.worker = Worker(make)

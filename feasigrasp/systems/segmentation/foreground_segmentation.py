@@ -62,13 +62,10 @@ class ForegroundSegmentation(LeafSystem):
         *,
         period: float = TrackerConfig.image_period,
     ) -> None:
-        """A segmentation of the images of a camera.
+        """A segmentation of the images of a camera, by what is known of robot and cell.
 
-        Args:
-            camera: The camera.
-            bodies: What is known of robot and cell.
-            carrier_hue: Hue of what carries the object [deg]; None without a color gate.
-            period: Time between looks for the first image [s].
+        The hue of the carrier [deg] is None without a color gate. Until the first image it looks
+        every ``period`` seconds.
         """
         super().__init__()
         self._camera, self._bodies, self._carrier_hue = camera, bodies, carrier_hue

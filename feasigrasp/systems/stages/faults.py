@@ -47,14 +47,11 @@ class FaultySignal(LeafSystem):
     def __init__(
         self, fault: Fault, models: Mapping[str, Any], change: Callable[..., Any], seed: int = 0
     ) -> None:
-        """A fault of a signal.
+        """A fault of a signal, for the time that ``fault`` says.
 
-        Args:
-            fault: Says when it is there.
-            models: Values of the types of the inputs by name, the signal first; an array is a
-                vector.
-            change: Makes the faulty value, from the values of the inputs and what is random.
-            seed: Of the latter.
+        The models are values of the types of the inputs by name, the signal first; an array is a
+        vector. ``change`` makes the faulty value from the values of the inputs and a generator of
+        that seed.
         """
         super().__init__()
         self._fault, self._change, self._seed = fault, change, seed

@@ -58,16 +58,10 @@ class NoisyDepth(LeafSystem):
         object_label: int = -1,
         material: str = "matt",
     ) -> None:
-        """The errors of one camera; cameras with the same seed err alike.
+        """The errors of one camera, by its intrinsics; cameras with the same seed err alike.
 
-        Args:
-            noise: The errors.
-            info: The depth camera's intrinsics.
-            seed: Seed of the errors.
-            near: Least depth that the camera measures [m].
-            far: Largest depth that it measures [m].
-            object_label: Label of the object's pixels.
-            material: Of the object, one of `MATERIALS`.
+        It measures depths from ``near`` to ``far`` [m]. The object has pixels of that label, and a
+        material of `MATERIALS`.
         """
         super().__init__()
         self._noise, self._seed = noise, seed

@@ -192,7 +192,7 @@ def add_object(
     friction: float = ObjectConfig.friction,
     model_name: str = "object",
 ) -> ModelInstanceIndex:
-    """Adds the object as a free body named ``object`` in its own model instance.
+    """Adds the object as a free body named ``object`` in a model instance, and returns that.
 
     The collision geometry is the triangle surface itself, with fewer faces, rigid hydroelastic and
     not declared convex, so a mug or a bowl stays hollow. (A compliant mesh, and any point contact,
@@ -206,9 +206,6 @@ def add_object(
             must outlive the diagram's first rendering (renderers read the mesh late).
         friction: Coulomb friction coefficient, static and dynamic.
         model_name: Name of the model instance and of the files.
-
-    Returns:
-        The model instance.
     """
     directory = Path(directory)
     mesh = f"{model_name}.obj"
