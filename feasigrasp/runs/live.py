@@ -24,7 +24,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.runs.overlay import camera_page, live_page, picture_text, status_words
 from feasigrasp.systems.monitoring.camera_pictures import Picture, jpeg
-from feasigrasp.systems.monitoring.grasp_visualizer import REACHABLE, GraspVisualizer, draw_surface
+from feasigrasp.systems.monitoring.meshcat_view import REACHABLE, GraspVisualizer, draw_surface
 
 
 def serve(answer: Callable[[str, bytes], bytes | None]) -> str:

@@ -35,12 +35,11 @@ from feasigrasp.systems.from_scenario import (
 )
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
-from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
+from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics, TrueFrame
 from feasigrasp.systems.monitoring.camera_pictures import CameraPictures
 from feasigrasp.systems.monitoring.contact_sense import ContactSense
-from feasigrasp.systems.monitoring.grasp_visualizer import GraspVisualizer
+from feasigrasp.systems.monitoring.meshcat_view import GraspVisualizer, add_scene
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
-from feasigrasp.systems.monitoring.true_frame import TrueFrame
 from feasigrasp.systems.motion_predictor import MotionPredictor
 from feasigrasp.systems.reachability_filter import PayloadFilter, SceneFilter
 from feasigrasp.systems.segmentation.foreground_segmentation import MaskFn
@@ -50,7 +49,6 @@ from feasigrasp.systems.stages.delay import Delay
 from feasigrasp.systems.stages.faults import FaultInjection
 from feasigrasp.systems.stages.remote import add_lapsed, remote_scene, remote_tracker
 from feasigrasp.systems.station.exposures import PoseAt
-from feasigrasp.systems.station.meshcat_scene import add_scene
 from feasigrasp.systems.station.object_contact import ObjectContact, ObstacleDistance
 from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.wiring import connect_all

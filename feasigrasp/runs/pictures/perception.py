@@ -35,8 +35,7 @@ from feasigrasp.runs.pictures.splats import (
     scale_bar,
 )
 from feasigrasp.runs.replay import quiet_meshcat, write_html
-from feasigrasp.systems.monitoring.grasp_visualizer import distance_from_seen
-from feasigrasp.systems.station.meshcat_scene import set_background
+from feasigrasp.systems.monitoring.meshcat_view import distance_from_seen, set_background
 
 
 @lru_cache(maxsize=1)

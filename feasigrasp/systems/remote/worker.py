@@ -13,7 +13,7 @@ from typing import Any
 from pydrake.systems.framework import System
 
 from feasigrasp.errors import WorkerError
-from feasigrasp.systems.remote.packing import packed, unpacked
+from feasigrasp.systems.remote.served import packed, unpacked
 
 #: A worker that takes longer hangs: to start and compile, and for one piece of work [s]. Source:
 #: guessed.
