@@ -12,7 +12,7 @@ class ResourceError(FeasigraspError, FileNotFoundError):
 
 
 def model_path(*parts: str) -> Path:
-    """A file or folder of the project's ``models/``, e.g. ``model_path("objects", "mug.obj")``.
+    """The absolute path of a file or folder in ``models/``, e.g. ``"objects", "mug.obj"``.
 
     A wheel carries it as ``feasigrasp/_models``; in a checkout (editable installation or
     ``PYTHONPATH``) it is ``models/`` at the repository root.

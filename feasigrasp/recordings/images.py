@@ -204,10 +204,10 @@ def read_color(
 
 
 def decimated(depth: Array, factor: int) -> Array:
-    """A depth image (h, w) [m] with fewer pixels: medians of what was measured in their squares.
+    """A depth image (h, w) [m] with fewer pixels: medians of what was measured in squares.
 
-    A side of a square has ``factor`` pixels. Of two medians it is the lower one, and 0 for squares
-    without a depth, shape (h // factor, w // factor).
+    A side of a square has ``factor`` pixels. Of two medians it is the lower one; 0 stands for what
+    was not measured, here as there, shape (h // factor, w // factor).
     """
     if factor == 1:
         return depth

@@ -38,7 +38,10 @@ class StatusLine:
         self._counting: threading.Thread | None = None
 
     def show(self, text: str, *, patient: bool = False) -> None:
-        """Shows a text as far as there is room; a ``patient`` one only if it is not too soon."""
+        """Shows a text, as much of it as there is room for.
+
+        A ``patient`` one may be dropped because the line has just changed.
+        """
         now = time.monotonic()
         if not self._visible or (patient and now < self._shown_at + _PERIOD):
             return

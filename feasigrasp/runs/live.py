@@ -30,8 +30,8 @@ from feasigrasp.systems.monitoring.meshcat_view import REACHABLE, GraspVisualize
 def serve(answer: Callable[[str, bytes], bytes | None]) -> str:
     """Serves a page to this computer alone, on a free port and from other threads.
 
-    By ``answer`` a path has a content, from what was posted to it; None if there is no such path.
-    Returned is the address of the page.
+    ``answer`` gives the content of a path, from what was posted to it; None if there is no such
+    path. Returned is the address of the page.
     """
 
     class Handler(BaseHTTPRequestHandler):

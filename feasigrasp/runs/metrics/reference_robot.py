@@ -149,7 +149,7 @@ class ReferenceRobot:
         return found
 
     def gravity_torques(self, Q: Array) -> Array:
-        """Torques (n, 7) [Nm] that bear arm, hand and camera at rest, by positions Q (n, 7)."""
+        """Torques (n, 7) [Nm] that bear arm, hand and camera at rest, by Q (n, 7) [rad]."""
         torques = np.empty((len(Q), self.arm.joints))
         for row, q in zip(torques, Q, strict=True):
             self.plant.SetPositions(self._context, self._arm, q)

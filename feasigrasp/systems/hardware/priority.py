@@ -20,7 +20,7 @@ class Priority(IntEnum):
 
 @contextmanager
 def real_time(priority: Priority, *, main: bool = True) -> Iterator[None]:
-    """Context with real-time priority for the threads of this process, ``main`` or not.
+    """Context with real-time priority for the threads of this process, the ``main`` one or not.
 
     For those that there are: the one in which a message bus receives begins with the first
     subscription. What they start themselves, such as a process that perceives, has no priority.
