@@ -21,7 +21,7 @@ from feasigrasp.runs.results.interrupts import postponed_interrupt
 from feasigrasp.runs.run import INTERRUPTED, crash_record, measured, timings_of
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.decode import decode
+from feasigrasp.systems.hardware.channels import decode
 from feasigrasp.systems.hardware.priority import Priority, real_time
 from feasigrasp.systems.hardware.simulated_cell import make_simulated_cell
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
@@ -40,7 +40,7 @@ class ReceivedCommands:
     def __init__(
         self, lcm: DrakeLcm, now: Callable[[], float], joints: int = IIWA_7.joints
     ) -> None:
-        """Listens on a bus for commands of so many joints; ``now`` tells the simulated time [s]."""
+        """Listens on a bus for commands of so many joints; ``now`` is a simulated clock [s]."""
         self.requests: list[float] = []
         self.unusable = self.late = 0
         self.moved = 0.0

@@ -13,7 +13,7 @@ from pydrake.lcm import DrakeLcm
 from feasigrasp.models.arrays import Array
 from feasigrasp.plugins import load_plugin, plugins
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.decode import decode
+from feasigrasp.systems.hardware.channels import decode
 
 
 class Driver(Protocol):

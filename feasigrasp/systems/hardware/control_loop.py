@@ -17,7 +17,7 @@ from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import Connect, make_dynamic_grasp
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.decode import decode
+from feasigrasp.systems.hardware.channels import decode
 from feasigrasp.systems.hardware.station import HardwareStation
 from feasigrasp.systems.remote.remote_stage import remote_stages
 

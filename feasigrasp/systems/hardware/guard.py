@@ -17,7 +17,7 @@ from feasigrasp.errors import HardwareError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.decode import decode
+from feasigrasp.systems.hardware.channels import decode
 from feasigrasp.systems.hardware.guarded_cell import GuardedCell
 from feasigrasp.systems.hardware.priority import Priority, real_time
 

@@ -24,8 +24,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.tracker_config import TrackerConfig, measured_pose
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.channels import POSE_NAMES
-from feasigrasp.systems.hardware.decode import pixels
+from feasigrasp.systems.hardware.channels import POSE_NAMES, pixels
 from feasigrasp.systems.ports import declare_cache, declare_input, declare_output, scalar, weakly
 from feasigrasp.systems.station.station import Station
 

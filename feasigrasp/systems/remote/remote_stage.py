@@ -81,9 +81,9 @@ class RemoteStage(LeafSystem):
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, latency, weakly(self._await))
 
     def take(self, context: Context, time: float) -> list[float]:
-        """Takes the results that have arrived by now [s] into the context, without waiting.
+        """Takes the results that have arrived at a time [s] into the context, without waiting.
 
-        Returned is the time from the image to now [s] of every result with other grasps.
+        Returned is the time from the image to that [s] of every result with other grasps.
         """
         self.worker.end_if_stuck()
         before = arrived = self._arrived(context)
