@@ -14,8 +14,6 @@ from feasigrasp.systems.ports import declare_input, weakly
 
 #: Colour that the object's pixels are mixed with, and the share of it. Source: layout.
 TINT, TINT_SHARE = np.array([255.0, 140.0, 0.0]), 0.45
-#: Time between pictures [s]. Source: layout.
-PERIOD = 0.25
 
 
 class Picture(NamedTuple):
@@ -26,7 +24,7 @@ class Picture(NamedTuple):
 
 
 class CameraPictures(LeafSystem):
-    """Takes a picture every `PERIOD`.
+    """Takes four pictures a second.
 
     .. pydrake_system::
 
@@ -45,7 +43,7 @@ class CameraPictures(LeafSystem):
         self._labels = declare_input(self, "label_image", ImageLabel16I(1, 1))
         self.pictures: list[Picture] = []
         self.DeclareInitializationPublishEvent(weakly(self._clear))
-        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weakly(self._take))
+        self.DeclarePeriodicPublishEvent(0.25, 0.0, weakly(self._take))
 
     def _clear(self, context: Context) -> EventStatus:
         self.pictures.clear()
