@@ -28,7 +28,7 @@ from pydrake.lcm import DrakeLcm
 from feasigrasp.cli import command_parser
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.object_pose import pose_message
+from feasigrasp.systems.hardware.measurements import pose_message
 
 
 def microseconds(stamp) -> int:

@@ -5,8 +5,6 @@ its docstring says what it does. It is imported only when it is called. Other pa
 by an entry point (`feasigrasp.plugins`), as feasigrasp_lab adds ``evaluate``.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys
@@ -67,14 +65,9 @@ def _purpose(file: Path) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command line.
+    """Runs the command line of ``argv``, or of the process when None.
 
-    Args:
-        argv: Arguments without the program name; ``sys.argv`` when None.
-
-    Returns:
-        The exit status of the process: 0, 1 or more if the command failed, 2 if it was wrong,
-        130 after Ctrl-C.
+    The exit status is 0, 1 or more if the command failed, 2 if it was wrong, 130 after Ctrl-C.
     """
     chosen, rest = _make_parser().parse_known_args(argv)
     if chosen.module is None:
@@ -159,11 +152,7 @@ def _shown(default: object) -> str:
 def exit_status(work: Callable[[], int]) -> int:
     """Exit status of a command's process; errors are printed in one line.
 
-    Args:
-        work: Returns 0, or 1 or more if it failed.
-
-    Returns:
-        That; 2 if something given was wrong; 130 after Ctrl-C.
+    It is that of ``work``; 2 if something given was wrong; 130 after Ctrl-C.
     """
     try:
         return work()

@@ -65,10 +65,7 @@ class MissingPackageError(FeasigraspError, ImportError):
 
 @contextmanager
 def needed_by(what: str) -> Iterator[None]:
-    """Around an import of one of `LARGE_PACKAGES`, or of what imports one.
-
-    Args:
-        what: What needs it; the message's subject.
+    """Around an import, for ``what``, of one of `LARGE_PACKAGES`, or of what imports one.
 
     Raises:
         MissingPackageError: It is not installed.

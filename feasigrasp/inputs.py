@@ -1,7 +1,5 @@
 """Reads npz, JSON and YAML; a broken, truncated or foreign file is one kind of error."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Limits numerical libraries to one thread."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -3,8 +3,6 @@
 Devices, pipes and other files that are not regular stay what they are: they are written into.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import tempfile
@@ -21,9 +19,7 @@ def check_outputs(
 ) -> None:
     """Checks before a computation that outputs can be written and overwrite no input.
 
-    Args:
-        options: By the option that names it, a file; None if the option is not given.
-        read: The same of files that are read.
+    Both are files by the option that names them; None where that is not given.
 
     Raises:
         OutputError: A file is a folder, its folder cannot be made or not be written to, two
@@ -68,10 +64,7 @@ def check_folder(option: str, folder: Path) -> None:
 def replacing(filename: str | Path) -> Iterator[BinaryIO]:
     """A file to write to that takes its name when it is whole; until then the old one stays.
 
-    A link stays a link: what it names is replaced.
-
-    Args:
-        filename: Its name; its folder is made if need be.
+    A link stays a link: what it names is replaced. The folder is made if need be.
 
     Raises:
         OutputError: It cannot be written, e.g. because the disk is full.

@@ -20,8 +20,6 @@ Kinds, each with what an entry point of it is:
 Their settings are ``control.options`` and ``reachability.options`` of the scenario.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any

@@ -1,7 +1,5 @@
 """Where model and diagram files live: beside the package in a wheel, at the root in a checkout."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from feasigrasp.errors import FeasigraspError
@@ -14,17 +12,10 @@ class ResourceError(FeasigraspError, FileNotFoundError):
 
 
 def model_path(*parts: str) -> Path:
-    """Finds a file or folder of the project's ``models/`` folder.
+    """The absolute path of a file or folder in ``models/``, e.g. ``"objects", "mug.obj"``.
 
-    A wheel carries the folder as ``feasigrasp/_models``; in a checkout (editable installation or
+    A wheel carries it as ``feasigrasp/_models``; in a checkout (editable installation or
     ``PYTHONPATH``) it is ``models/`` at the repository root.
-
-    Args:
-        *parts: Path below ``models/``, e.g. ``model_path("objects", "mug.obj")``; none for the
-            folder itself.
-
-    Returns:
-        The absolute path of an existing file or folder.
 
     Raises:
         ResourceError: If there is no ``models/`` folder, or nothing of that name in it.
@@ -33,13 +24,7 @@ def model_path(*parts: str) -> Path:
 
 
 def diagram_path(*parts: str) -> Path:
-    """Path in the ``diagrams/`` folder, ``feasigrasp/_diagrams`` in a wheel.
-
-    Args:
-        *parts: Path below ``diagrams/``, e.g. ``diagram_path("dynamic.scenarios.yaml")``.
-
-    Returns:
-        The absolute path of an existing file or folder.
+    """The same of ``diagrams/``, which is ``feasigrasp/_diagrams`` in a wheel.
 
     Raises:
         ResourceError: If there is no ``diagrams/`` folder, or nothing of that name in it.

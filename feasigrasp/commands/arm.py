@@ -1,7 +1,5 @@
 """``feasigrasp arm``: make the file of an arm from its URDF."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

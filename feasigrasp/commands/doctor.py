@@ -6,19 +6,17 @@ kind is needed for extras only. The exit status is 1 if there is a problem.
 Libraries are imported where they are looked at, so that one that is missing hides no other.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from enum import StrEnum
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
+from typing import NamedTuple
 
 from packaging.requirements import Requirement
 
@@ -72,14 +70,8 @@ class Health(StrEnum):
     WITHOUT = "without"
 
 
-@dataclass(frozen=True)
-class Finding:
-    """Result of one check.
-
-    Attributes:
-        health: Whether it is as it should be.
-        text: What was found, and the mend if it is not.
-    """
+class Finding(NamedTuple):
+    """Result of one check: what was found, with the mend if it is not as it should be."""
 
     health: Health
     text: str
@@ -216,10 +208,9 @@ def files() -> Iterator[Finding]:
 
     mend = "reinstall feasigrasp, or 'git checkout' the file"
     try:
-        paths = [WEIGHTS / f"{name}.npz" for name in _WEIGHTS]
-        for path in paths:
-            arrays = read_arrays(path)
-            yield Finding(Health.OK, f"{path.name}: {len(arrays)} arrays")
+        for name in _WEIGHTS:
+            arrays = read_arrays(WEIGHTS / f"{name}.npz")
+            yield Finding(Health.OK, f"{name}.npz: {len(arrays)} arrays")
         yield Finding(Health.OK, f"scenarios: {diagram_path('dynamic.scenarios.yaml')}")
     except FeasigraspError as error:
         yield Finding(Health.PROBLEM, f"{error}: {mend}")

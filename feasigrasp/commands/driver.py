@@ -4,8 +4,6 @@ It translates between them and those of guard and controller, on the arm's compu
 ``feasigrasp guard`` or ``feasigrasp run --hardware``. See ``docs/hardware.md``.
 """
 
-from __future__ import annotations
-
 import argparse
 
 from feasigrasp.commands.run import add_lcm_option

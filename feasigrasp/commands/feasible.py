@@ -8,8 +8,6 @@ The grasps are poses of shape (n, 4, 4), or GraspNet's 17 columns, in the frame 
 are judged as the pipeline judges its own: hand against table and completed object, then the arm.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections import Counter

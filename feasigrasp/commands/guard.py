@@ -5,8 +5,6 @@ one after the other. It keeps the arm clear of the scenario's hand and cell. Ctr
 as the arm rests. See ``docs/hardware.md``.
 """
 
-from __future__ import annotations
-
 import argparse
 
 from feasigrasp.commands.run import (

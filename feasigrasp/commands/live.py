@@ -10,8 +10,6 @@ What was recorded is tracked again by `feasigrasp track`. For another computer f
 the page and of its Meshcat, which are printed (``ssh -L PORT:localhost:PORT``).
 """
 
-from __future__ import annotations
-
 import argparse
 from itertools import chain
 from pathlib import Path
@@ -31,8 +29,9 @@ from feasigrasp.recordings.folder import decimation
 from feasigrasp.recordings.images import check_box, decimated, picked
 from feasigrasp.recordings.recorder import DepthFrame, check_new_recording, recorded
 from feasigrasp.recordings.unaided import UnaidedTracker
-from feasigrasp.runs.camera_view import CameraView
+from feasigrasp.runs.live import CameraView
 from feasigrasp.runs.replay import quiet_meshcat
+from feasigrasp.runs.results.arguments import add_box
 from feasigrasp.runs.results.interrupts import STATUS, postponed_interrupt
 
 _CHOOSE = "click the object, or draw a box about it"
@@ -42,13 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_camera_arguments(parser)
     parser.add_argument("--record", type=Path, help="Write what is tracked to this folder.")
-    parser.add_argument(
-        "--box",
-        type=int,
-        nargs=4,
-        metavar=("LEFT", "TOP", "RIGHT", "BOTTOM"),
-        help="Box about the object in the first image, in pixels. Default: chosen on the page.",
-    )
+    use = "Box about the object in the first image, in pixels. Default: chosen on the page."
+    add_box(parser, use)
     parser.add_argument("--on-table", action="store_true", help="The object stands on a table.")
     parser.add_argument(
         "--sampler",

@@ -1,7 +1,5 @@
 """``feasigrasp objects``: list the built-in objects with their sizes and masses."""
 
-from __future__ import annotations
-
 import argparse
 
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object

@@ -13,8 +13,6 @@ in metres, in the camera's frame (the camera in the origin, z forward); ``--scal
 where grasps come from, as in scenarios.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 
@@ -32,7 +30,7 @@ from feasigrasp.outputs import check_outputs
 from feasigrasp.recordings.images import captured_points, holds_depth
 from feasigrasp.resources import model_path
 from feasigrasp.runs.pictures.perception import draw_perception, write_perception_html
-from feasigrasp.runs.results.arguments import factor, output, positive
+from feasigrasp.runs.results.arguments import add_box, factor, output, positive
 from feasigrasp.runs.results.grasps_file import write_grasps
 
 #: What the reasons of `GraspSet.rejected` mean, for somebody who wants a grasp.
@@ -55,9 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--cloud", type=Path, help="Cloud: a .ply, .pcd, .npy or .npz file.")
     source.add_argument(
-        "--depth",
-        type=Path,
-        help="Depth image: 16-bit or float, or .npz with depth and K.",
+        "--depth", type=Path, help="Depth image: 16-bit or float, or .npz with depth and K."
     )
     source.add_argument(
         "--sample", action="store_true", help="The depth image of a mug that comes with feasigrasp."
@@ -74,13 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--label", type=positive, help="The object's value in a mask that shows several."
     )
-    parser.add_argument(
-        "--box",
-        type=int,
-        nargs=4,
-        metavar=("LEFT", "TOP", "RIGHT", "BOTTOM"),
-        help="Keep the pixels of the depth image inside this box, in pixels.",
-    )
+    add_box(parser, "Keep the pixels of the depth image inside this box, in pixels.")
     parser.add_argument(
         "--grasps",
         type=output(".json", ".npz", ".npy"),

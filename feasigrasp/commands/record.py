@@ -11,8 +11,6 @@ pyrealsense2 (``pip install pyrealsense2``); another camera is a class of yours,
 recording (``pip install mcap-ros2-support``).
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager

@@ -4,8 +4,6 @@ It prints whether the object was held, what went on, and the figures of
 ``docs/results_schema.md``; on a terminal one line says meanwhile how far it is.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from contextlib import suppress
@@ -178,9 +176,7 @@ def main(args: argparse.Namespace) -> int:
         compile_in_advance(groups)
     live = LiveView(quiet_meshcat()) if args.live else None
     if live is not None:
-        print(
-            f"open {live.server.url} in a browser; the run starts there, or with Enter", flush=True
-        )
+        print(f"open {live.url} in a browser; the run starts there, or with Enter", flush=True)
     line = StatusLine()
     kept = partial(keep, results=args.results, line=line)
     try:
@@ -280,9 +276,7 @@ def draw_diagram(scenario: Scenario, filename: Path) -> None:
 def keep(record: dict[str, Any], results: Path | None, line: StatusLine) -> None:
     """Prints what a run brought, and writes it; a full disk leaves it on the console."""
     line.clear()
-    with suppress(
-        BrokenPipeError
-    ):  # the reader has closed the pipe; what came out is written all the same
+    with suppress(BrokenPipeError):  # its reader is gone; the record is written all the same
         print(*summary(record), sep="\n", flush=True)
     if results is not None:
         try:

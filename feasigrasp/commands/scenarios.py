@@ -1,7 +1,5 @@
 """``feasigrasp scenarios``: list the scenarios."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

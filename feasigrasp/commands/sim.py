@@ -4,8 +4,6 @@ The other process is ``feasigrasp run SCENARIO --hardware``, with the same ``--s
 whoever carries the object here judges how long a lift takes. See ``docs/hardware.md``.
 """
 
-from __future__ import annotations
-
 import argparse
 from functools import partial
 

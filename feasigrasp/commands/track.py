@@ -10,8 +10,6 @@ a box in the first image, suffices. No robot and no model of the object is neede
 poses are written as TUM's trajectories are, its shape as a cloud.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path
@@ -31,7 +29,7 @@ from feasigrasp.outputs import check_outputs, replacing
 from feasigrasp.recordings.folder import DepthFolder, read_depth_folder
 from feasigrasp.recordings.images import check_box
 from feasigrasp.recordings.unaided import UnaidedTracker
-from feasigrasp.runs.results.arguments import factor, output, positive
+from feasigrasp.runs.results.arguments import add_box, factor, output, positive
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,13 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="Exclude the largest plane of the first image, e.g. a table.",
     )
-    parser.add_argument(
-        "--box",
-        type=int,
-        nargs=4,
-        metavar=("LEFT", "TOP", "RIGHT", "BOTTOM"),
-        help="Box about the object in the first image, in pixels. Default: the nearest thing.",
-    )
+    use = "Box about the object in the first image, in pixels. Default: the nearest thing."
+    add_box(parser, use)
     parser.add_argument(
         "--label", type=positive, help="The object's value in masks of several, or its number."
     )
@@ -70,11 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check_size(points: Array, gpdf: Gpdf) -> None:
-    """Refuses a first view that is mostly a table, and notes a size that objects hardly have.
-
-    Args:
-        points: The observed surface, shape (n, 3) [m].
-        gpdf: Its field.
+    """Refuses a view (n, 3) [m] that is mostly a table, and notes a size that objects hardly have.
 
     Raises:
         PointCloudError: It shows a table.
@@ -163,19 +152,10 @@ def main(args: argparse.Namespace) -> int:
             f"no object was found in the {len(poses)} images of {args.folder}; give a --box about "
             "it, --on-table if it stands on one and is higher than 1 cm, masks, or another --label"
         )
+    turns = Rotation.from_matrix(poses[tracked, :3, :3]).as_quat()
+    rows = np.column_stack([recording.times[tracked], poses[tracked, :3, 3], turns])
     with replacing(poses_file) as file:
-        np.savetxt(
-            file,
-            np.column_stack(
-                [
-                    recording.times[tracked],
-                    poses[tracked, :3, 3],
-                    Rotation.from_matrix(poses[tracked, :3, :3]).as_quat(),
-                ]
-            ),
-            fmt="%.6f",
-            header="time tx ty tz qx qy qz qw",
-        )
+        np.savetxt(file, rows, fmt="%.6f", header="time tx ty tz qx qy qz qw")
     with replacing(shape_file) as file:
         trimesh.PointCloud(shape.cloud.points).export(file, file_type="ply")
     size = 1e2 * np.ptp(shape.gpdf.completion.points, axis=0)

@@ -3,8 +3,6 @@
 ``feasigrasp run`` does it too, for what it needs itself.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -15,8 +15,6 @@
 Of BOP's ``scene_camera.json`` the first image counts.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -152,14 +150,9 @@ def _read_file(file: Path) -> CameraInfo:
         sizes = (("width", "height"), ("image_width", "image_height"))
         pair = next((pair for pair in sizes if pair[0] in content), None)
         size = None if pair is None else (int(content[pair[0]]), int(content[pair[1]]))
-        scale, near, baseline = (
-            float(content.get(name, usual))
-            for name, usual in (
-                ("depth_scale", 1.0),
-                ("near", CameraInfo.near),
-                ("baseline", CameraInfo.baseline),
-            )
-        )
+        scale = float(content.get("depth_scale", 1.0))
+        near = float(content.get("near", CameraInfo.near))
+        baseline = float(content.get("baseline", CameraInfo.baseline))
     except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise InputError(
             f"{file}: {error!r}; give the numbers fx, fy, cx, cy [px] and depth_scale [mm per unit]"

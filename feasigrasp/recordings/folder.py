@@ -15,8 +15,6 @@
 Large images are decimated when they are read: tracking needs no more than 430 pixels in a row.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """Reads depth images and masks, rejects implausible ones, and takes out the object's points."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -186,15 +184,10 @@ def mask_of(
 def read_color(
     file: str | Path, shape: tuple[Count, Count], factor: Count = 1
 ) -> NDArray[np.uint8]:
-    """Reads a color image of the pixels of a depth image.
+    """Reads a color image of the pixels of a depth image of a shape (height, width).
 
-    Args:
-        file: A picture; a JPEG is decoded at the size that is asked for, where it can be.
-        shape: Height and width of the depth image.
-        factor: As of `decimated`.
-
-    Returns:
-        Shape (height // factor, width // factor, 3).
+    A JPEG is decoded at the size that is asked for, where it can be: ``factor`` is that of
+    `decimated`, the result of shape (height // factor, width // factor, 3).
 
     Raises:
         InputError: It is no picture, or has another size.
@@ -211,14 +204,10 @@ def read_color(
 
 
 def decimated(depth: Array, factor: int) -> Array:
-    """A depth image with fewer pixels: medians of what was measured in squares of pixels.
+    """A depth image (h, w) [m] with fewer pixels: medians of what was measured in squares.
 
-    Args:
-        depth: 0 where nothing was measured, shape (h, w) [m].
-        factor: Pixels along the side of a square.
-
-    Returns:
-        The lower of two medians, 0 for squares without a depth, shape (h // factor, w // factor).
+    A side of a square has ``factor`` pixels. Of two medians it is the lower one; 0 stands for what
+    was not measured, here as there, shape (h // factor, w // factor).
     """
     if factor == 1:
         return depth
@@ -267,12 +256,9 @@ def check_size(file: str | Path, shape: tuple[int, ...], expected: tuple[int, in
 
 
 def check_unit(file: str | Path, depth: Array, unit: float | None) -> None:
-    """Rejects a depth image in another unit than stated.
+    """Rejects a depth image (height, width) [m] in another unit than it was read with.
 
-    Args:
-        file: Where it is from.
-        depth: Shape (height, width) [m].
-        unit: Metres per unit that it was read with; None for floating-point ones, in metres.
+    That is in metres per unit; None for floating-point numbers, which are in metres.
 
     Raises:
         InputError: Its median depth is nothing that a depth camera measures.

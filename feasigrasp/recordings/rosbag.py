@@ -1,7 +1,5 @@
 """Depth and color images of a ROS 2 recording (rosbag2 in MCAP), as those of a camera."""
 
-from __future__ import annotations
-
 import io
 import itertools
 from collections.abc import Iterator
@@ -32,17 +30,12 @@ _ENCODINGS = {
 
 @contextmanager
 def rosbag(file: Path) -> Iterator[tuple[CameraInfo, Iterator[DepthFrame]]]:
-    """Opens a recording with images (raw, or compressed as PNG or JPEG) and a camera_info.
+    """Opens a recording (MCAP) with images (raw, or compressed as PNG or JPEG) and a camera_info.
 
     The topic of depth images is the one with ``depth`` in its name, of several the one with
     ``aligned`` in it. Color is of the topic with ``color`` or ``rgb`` in its name, whose images
-    have to be of the same pixels; without one, images are black.
-
-    Args:
-        file: The MCAP file.
-
-    Yields:
-        The depth camera, and its images in order of time.
+    have to be of the same pixels; without one, images are black. What it gives is the depth camera,
+    and its images in order of time.
 
     Raises:
         HardwareError: mcap-ros2-support is not installed.

@@ -156,12 +156,7 @@ class UnaidedTracker(Frozen):
         return _Expected(ahead.X_WO, slack, track.age(time))
 
     def _with_plane(
-        self,
-        points: Array,
-        seen: Mask,
-        X_WC: Array,
-        expected: _Expected | None,
-        mask: Mask | None,
+        self, points: Array, seen: Mask, X_WC: Array, expected: _Expected | None, mask: Mask | None
     ) -> UnaidedTracker:
         """With the plane under the object in an image."""
         shape = self.camera.height, self.camera.width

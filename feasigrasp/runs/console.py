@@ -1,7 +1,5 @@
 """Console output of a run: a progress line, and a table of the outcome."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 import threading
@@ -42,9 +40,7 @@ class StatusLine:
     def show(self, text: str, *, patient: bool = False) -> None:
         """Shows a text, as much of it as there is room for.
 
-        Args:
-            text: The text.
-            patient: Whether it may be dropped because the line has just changed.
+        A ``patient`` one may be dropped because the line has just changed.
         """
         now = time.monotonic()
         if not self._visible or (patient and now < self._shown_at + _PERIOD):
@@ -78,13 +74,7 @@ class StatusLine:
 
 
 def progress(simulated: float, wall: float, status: Status) -> str:
-    """Progress of a simulation on one line.
-
-    Args:
-        simulated: Simulated time [s].
-        wall: Wall time that it took [s].
-        status: What goes on.
-    """
+    """Progress of a simulation on one line: simulated and wall time [s], and what goes on."""
     factor = simulated / wall if wall > 0.0 else 0.0
     shown = _status(status.code, status.detail)
     return f"simulating {simulated:5.1f} s  {factor:4.2f} x real time  {shown}"

@@ -1,9 +1,7 @@
 """A translucent second arm in a replay, for the comparison of modes."""
 
-from __future__ import annotations
-
 from contextlib import suppress
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, Rgba, Role
@@ -22,28 +20,15 @@ from feasigrasp.systems.station.cell_models import add_cell, robot_instances
 PREFIX, COLOR = "/drake/ghost", Rgba(0.45, 0.25, 0.85, 0.35)
 
 
-@dataclass(frozen=True, eq=False)
-class Ghost:
-    """A way of the arm.
-
-    Attributes:
-        times: Shape (n,) [s].
-        q: Joint positions, shape (n, 7) [rad].
-    """
+class Ghost(NamedTuple):
+    """A way of the arm: times (n,) [s], and joint positions (n, 7) [rad] at them."""
 
     times: Array
     q: Array
 
 
 def ghost_of(scenario: Scenario, until: float) -> Ghost:
-    """The true way of the arm in a scenario.
-
-    A simulation that breaks off leaves the way until then.
-
-    Args:
-        scenario: The scenario.
-        until: How long [s].
-    """
+    """The true way of the arm in a scenario until a time [s], or the simulation breaks off."""
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
@@ -57,11 +42,7 @@ def ghost_of(scenario: Scenario, until: float) -> Ghost:
 def show_ghost(meshcat: Meshcat, scenario: Scenario, ghost: Ghost, rate: float) -> None:
     """Draws it into the recording of a Meshcat, translucent, with an open hand.
 
-    Args:
-        meshcat: It records.
-        scenario: Whose cell has the arm.
-        ghost: Its way.
-        rate: Pictures per second.
+    The scenario has the arm in its cell; ``rate`` is in pictures per second.
     """
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)

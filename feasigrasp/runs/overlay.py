@@ -1,7 +1,5 @@
 """HTML overlay of Meshcat: legend, status line and camera picture."""
 
-from __future__ import annotations
-
 import base64
 import json
 from collections.abc import Sequence
@@ -18,12 +16,9 @@ _BAR = (
 
 
 def replay_overlay(history: Sequence[Status], pictures: Sequence[Picture], ghost: str = "") -> str:
-    """Overlay of a replay, and its playback bar.
+    """Overlay of a replay, and its playback bar, of statuses and camera pictures by time.
 
-    Args:
-        history: Statuses, by time.
-        pictures: Pictures of the camera, by time.
-        ghost: Mode of the translucent arm, if there is one.
+    The mode of the translucent arm is ``ghost``, empty without one.
     """
     statuses = [[status.time, *status_words(status)] for status in history]
     shown = [[picture.time, picture_text(picture)] for picture in pictures]

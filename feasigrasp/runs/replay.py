@@ -1,7 +1,5 @@
 """Records a simulation in Meshcat as one offline HTML file, with a still picture."""
 
-from __future__ import annotations
-
 import logging
 import shutil
 import subprocess
@@ -54,15 +52,11 @@ def write_replay(
     pictures: Sequence[Picture] = (),
     ghost: str = "",
 ) -> None:
-    """Writes what was recorded as a self-contained HTML file.
+    """Writes what a Meshcat has recorded as a self-contained HTML file.
 
-    Args:
-        meshcat: It has recorded.
-        filename: The file.
-        history: What a line at the foot of the page says, and from when on. With it come a legend
-            and a bar that plays; without it there is nothing but the recording.
-        pictures: What an inset shows beside it.
-        ghost: Mode of the translucent arm, if there is one.
+    With a history of statuses a line at the foot of the page says them, and there are a legend and
+    a bar that plays; without it there is nothing but the recording. An inset shows the pictures.
+    ``ghost`` is the mode of the translucent arm, if there is one.
     """
     meshcat.StopRecording()
     meshcat.PublishRecording()
@@ -82,12 +76,9 @@ def browser() -> str | None:
 
 
 def screenshot(page: Path, picture: Path, size: tuple[int, int]) -> None:
-    """Writes a PNG of a page, as a browser without a window shows it after some seconds.
+    """Writes a PNG of an HTML page, as a browser without a window shows it after some seconds.
 
-    Args:
-        page: HTML file.
-        picture: The PNG.
-        size: Width and height [pixels].
+    The size is width and height [pixels].
 
     Raises:
         BrowserError: There is no browser, or it takes no picture.

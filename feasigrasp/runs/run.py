@@ -1,7 +1,5 @@
 """Runs one scenario and writes its record."""
 
-from __future__ import annotations
-
 import gc
 import threading
 import time
@@ -41,11 +39,7 @@ from feasigrasp.runs.metrics.reference_robot import (
 from feasigrasp.runs.metrics.run_metrics import not_held, summarize
 from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.runs.metrics.tick_times import TickTimes
-from feasigrasp.runs.replay import (
-    FRAMES_PER_SECOND,
-    start_recording,
-    write_replay,
-)
+from feasigrasp.runs.replay import FRAMES_PER_SECOND, start_recording, write_replay
 from feasigrasp.runs.results.interrupts import postponed_interrupt
 from feasigrasp.runs.results.provenance import git_revision, machine, own_files, versions
 from feasigrasp.runs.teleport import teleport
@@ -171,7 +165,7 @@ def run(
             if interrupted.is_set():
                 raise KeyboardInterrupt  # there is nothing yet
             if live is not None:
-                say(f"waiting for a browser at {live.server.url}; Enter starts without")
+                say(f"waiting for a browser at {live.url}; Enter starts without")
                 live.wait_for_browser(interrupted)
             started = time.perf_counter()
             say("starting the simulation")
@@ -205,7 +199,7 @@ def run(
         over = context.get_time() - 1.0 / FRAMES_PER_SECOND
         outcome = Status(over, StatusCode.DONE, verdict(record))
     if live is not None:
-        live.server.show(context.get_time(), outcome, pictures[-1] if pictures else None)
+        live.show(context.get_time(), outcome, pictures[-1] if pictures else None)
     if meshcat is not None and replay is not None:
         if ghost is not None:
             say(f"simulating mode {ghost.control.mode} beside it")
@@ -405,4 +399,4 @@ class _Monitor:
             self._line.show(progress(context.get_time(), wall, status), patient=True)
         if self._live is not None and self._camera is not None:
             pictures = self._camera.pictures
-            self._live.server.show(context.get_time(), status, pictures[-1] if pictures else None)
+            self._live.show(context.get_time(), status, pictures[-1] if pictures else None)

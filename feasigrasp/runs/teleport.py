@@ -1,7 +1,5 @@
 """Places the arm at a grasp without a path, as in the paper's static test."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.systems.analysis import Simulator, SimulatorStatus
 
@@ -9,18 +7,11 @@ from feasigrasp.models.reach.reachability import Reachability
 
 
 def teleport(simulator: Simulator, reachability: Reachability, until: float) -> bool:
-    """Waits for grasps in reach, then puts the arm at the best of them, at rest.
+    """Waits for grasps in reach until a time [s], then puts the arm at the best of them, at rest.
 
     What the drive sends jumps along with it: the velocities and accelerations of such a run say
-    nothing.
-
-    Args:
-        simulator: Of the diagram of `make_dynamic_grasp`, initialized.
-        reachability: What the arm can reach with its hand.
-        until: It gives up at this time [s].
-
-    Returns:
-        Whether the run goes on: False if a monitor has ended it while it waited.
+    nothing. The simulator is of the diagram of `make_dynamic_grasp`, initialized. It returns
+    whether the run goes on: False if a monitor has ended it while it waited.
     """
     diagram, root = simulator.get_system(), simulator.get_mutable_context()
     station, drive, sequencer = map(diagram.GetSubsystemByName, ("station", "drive", "sequencer"))

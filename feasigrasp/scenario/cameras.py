@@ -1,7 +1,5 @@
 """Checks of the cameras of a scenario: keys of Drake's ``CameraConfig``."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from pydrake.math import RigidTransform
@@ -15,10 +13,7 @@ from feasigrasp.scenario.schema import Scenario, Segmentation
 #: Names of Drake's renderers that need no server; the empty word is its default.
 _RENDERERS = ("", "RenderEngineVtk", "RenderEngineGl")
 #: Numbers of which the first must be less.
-_ORDERED = (
-    ("clipping_near", "clipping_far"),
-    ("z_near", "z_far"),
-)
+_ORDERED = (("clipping_near", "clipping_far"), ("z_near", "z_far"))
 #: Numbers of which the first must not be greater.
 _NOT_GREATER = (("clipping_near", "z_near"), ("z_far", "clipping_far"))
 #: Keys that would do nothing, and how to mend it.

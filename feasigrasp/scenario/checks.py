@@ -1,7 +1,5 @@
 """Checks of scenario values: each by its field, and conditions between keys."""
 
-from __future__ import annotations
-
 import dataclasses as dc
 import math
 import re
@@ -23,18 +21,12 @@ from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.plugins import plugins
 from feasigrasp.scenario.cameras import check_cameras
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
-from feasigrasp.scenario.drake_keys import SPANS, WORDS
 from feasigrasp.scenario.faults import check_faults
-from feasigrasp.scenario.keys import general, members
+from feasigrasp.scenario.keys import SPANS, WORDS, general, members
 from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.parts import Part, check_parts
 from feasigrasp.scenario.sampling import camera_errors
-from feasigrasp.scenario.schema import (
-    EXACT,
-    ControlConfig,
-    Scenario,
-    Segmentation,
-)
+from feasigrasp.scenario.schema import EXACT, ControlConfig, Scenario, Segmentation
 
 #: Models of the cell that no obstacle may be named like.
 RESERVED = ("iiwa", "gripper", "camera", "table", "object", "world")
@@ -204,11 +196,7 @@ def _check_choices(scenario: Scenario) -> None:
 
 
 def check_segmentation(scenario: Scenario, *, own: bool) -> None:
-    """Checks that a custom segmentation has a place in the diagram.
-
-    Args:
-        scenario: The scenario.
-        own: Whether there is one.
+    """Checks that a custom segmentation has a place in the diagram, if there is one.
 
     Raises:
         ScenarioError: The label image of the simulation says which pixels show the object.

@@ -1,7 +1,5 @@
 """Reads and writes scenarios as YAML."""
 
-from __future__ import annotations
-
 import copy
 import functools
 import os

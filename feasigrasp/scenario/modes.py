@@ -1,7 +1,5 @@
 """Control modes that packages add beside ``safe``, the mode of this package."""
 
-from __future__ import annotations
-
 from typing import Any, Protocol
 
 from pydrake.systems.framework import LeafSystem
@@ -37,5 +35,4 @@ def added_mode(name: str) -> Mode | None:
     """
     if parse_word(mode_names(), name, "control.mode", ScenarioError) == SAFE:
         return None
-    mode: Mode = load_plugin("modes", name)
-    return mode
+    return load_plugin("modes", name)

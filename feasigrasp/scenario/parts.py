@@ -57,11 +57,7 @@ def check_parts(parts: Mapping[str, PartConfig]) -> None:
 
 
 def load_part(key: str, part: PartConfig) -> Callable[..., Any]:
-    """The class or function that a part names.
-
-    Args:
-        key: Which part, for messages.
-        part: It.
+    """The class or function that a part names; ``key`` says which part, for messages.
 
     Raises:
         ScenarioError: There is no such module, or nothing of that name in it, or it cannot be

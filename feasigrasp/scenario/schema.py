@@ -311,10 +311,6 @@ def _default_plant() -> MultibodyPlantConfig:
     )
 
 
-def _default_simulator() -> SimulatorConfig:
-    return SimulatorConfig(max_step_size=0.01)
-
-
 @dc.dataclass
 class Scenario:
     """Everything that a run depends on.
@@ -357,7 +353,9 @@ class Scenario:
 
     random_seed: int = key(0, *SEED)
     simulation_duration: float = key(30.0, 0.001, 100000.0, "s")
-    simulator_config: SimulatorConfig = dc.field(default_factory=_default_simulator)
+    simulator_config: SimulatorConfig = dc.field(
+        default_factory=lambda: SimulatorConfig(max_step_size=0.01)
+    )
     plant_config: MultibodyPlantConfig = dc.field(default_factory=_default_plant)
     directives: list[ModelDirective] = dc.field(default_factory=list)
     cell: CellConfig = dc.field(default_factory=CellConfig)

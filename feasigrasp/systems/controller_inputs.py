@@ -1,7 +1,5 @@
 """The inputs of a controller of the arm at one instant."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -44,32 +42,27 @@ class ControllerInputs:
     @property
     def q(self) -> Array:
         """Joint positions [rad], shape (7,)."""
-        position: Array = self._controller._position.Eval(self._context)
-        return position
+        return self._controller._position.Eval(self._context)
 
     @property
     def grasps(self) -> GraspSet:
         """Reachable grasps in the object frame."""
-        grasps: GraspSet = self._controller._grasps.Eval(self._context)
-        return grasps
+        return self._controller._grasps.Eval(self._context)
 
     @property
     def X_WO(self) -> Array:
         """Object pose, shape (4, 4) [m]; not finite while it is unknown."""
-        X_WO: Array = self._controller._pose.Eval(self._context).GetAsMatrix4()
-        return X_WO
+        return self._controller._pose.Eval(self._context).GetAsMatrix4()
 
     @property
     def V_WO(self) -> Array:
         """Object twist [angular; linear], shape (6,)."""
-        V_WO: Array = self._controller._twist.Eval(self._context).get_coeffs()
-        return V_WO
+        return self._controller._twist.Eval(self._context).get_coeffs()
 
     @property
     def motion(self) -> Motion | None:
         """Predicts the object's poses; without it they follow its twist."""
-        motion: Motion | None = optional(self._controller._motion, self._context)
-        return motion
+        return optional(self._controller._motion, self._context)
 
     @property
     def committed(self) -> bool:
@@ -80,14 +73,12 @@ class ControllerInputs:
     @property
     def gpdf(self) -> Gpdf | None:
         """The object's distance field, in its frame; None while there is none."""
-        gpdf: Gpdf | None = optional(self._controller._gpdf, self._context)
-        return gpdf
+        return optional(self._controller._gpdf, self._context)
 
     @property
     def qd_last(self) -> Array | None:
         """The last command as the drive carried it out [rad/s], shape (7,)."""
-        qd_last: Array | None = optional(self._controller._last, self._context)
-        return qd_last
+        return optional(self._controller._last, self._context)
 
     @property
     def touch(self) -> Array:
@@ -104,10 +95,7 @@ class ControllerInputs:
     @property
     def search_target(self) -> SearchTarget | None:
         """The search target; None while the object is in sight."""
-        search_target: SearchTarget | None = optional(
-            self._controller._search_target, self._context
-        )
-        return search_target
+        return optional(self._controller._search_target, self._context)
 
     @property
     def seen_by_arm(self) -> bool:
@@ -121,8 +109,7 @@ class ControllerInputs:
 
         None where there are none.
         """
-        obstacles: ObstacleGrid | None = evaluate(self._controller._obstacles, self._context)
-        return obstacles
+        return evaluate(self._controller._obstacles, self._context)
 
     @property
     def surface(self) -> ObstacleGrid | None:
@@ -130,8 +117,7 @@ class ControllerInputs:
 
         Without unobserved surface, if the grasp that the hand is nearly at is in there.
         """
-        surface: ObstacleGrid | None = evaluate(self._controller._surface, self._context)
-        return surface
+        return evaluate(self._controller._surface, self._context)
 
     @checked()
     def scheduled_obstacle(self, grid: ObstacleGrid | None) -> ObstacleGrid | None:

@@ -1,22 +1,25 @@
 """Makes the systems of the pipeline from a scenario."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.camera import BASELINE, Camera, stereo_deviation
+from feasigrasp.models.control.planning.static_grid import static_grid
 from feasigrasp.models.faults.object import ObjectPulled
+from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.samplers import make_sampler
+from feasigrasp.models.objects.static_obstacles import StaticObstacle
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm_file import load_arm
+from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.models.segmentation.foreground import Label
@@ -31,19 +34,22 @@ from feasigrasp.scenario.sampling import (
     make_hand_error,
     make_hand_eye,
     make_motion,
+    make_static_obstacles,
 )
 from feasigrasp.scenario.schema import Scenario, Segmentation
 from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
-from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSegmentation
-from feasigrasp.systems.segmentation.mask_segmentation import MaskFn, MaskSegmentation
+from feasigrasp.systems.segmentation.foreground_segmentation import (
+    ForegroundSegmentation,
+    MaskFn,
+    MaskSegmentation,
+)
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.stages.controllers import make_controller
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
-from feasigrasp.systems.station.cell_boxes import cell_boxes
-from feasigrasp.systems.station.cell_models import StationConfig
+from feasigrasp.systems.station.cell_models import StationConfig, cell_boxes
 from feasigrasp.systems.station.directives import cell_directives, modeled_bodies
 from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.tracking.field_tracker import FieldTracker
@@ -121,13 +127,6 @@ def make_object_pixels(scenario: Scenario, name: str = "") -> SegmentPointCloud:
     errors = make_camera_noise(scenario).get(name or scenario.perception.camera)
     smears, camera = errors is not None and errors.smear > 0.0, make_camera(scenario, name)
     return SegmentPointCloud(Label.OBJECT, camera=camera, hiding=hiding, smears=smears)
-
-
-def make_field_tracker(scenario: Scenario) -> FieldTracker:
-    """The tracker on perception's cameras, with their noise models."""
-    second = scenario.perception.second_camera
-    other = make_camera(scenario, second) if second else None
-    return FieldTracker(make_camera(scenario), scenario.tracker, other)
 
 
 def uses_eye_in_hand_tracking(scenario: Scenario) -> bool:
@@ -222,10 +221,12 @@ def make_perception(scenario: Scenario) -> LeafSystem:
 
 
 def make_tracker(scenario: Scenario) -> LeafSystem:
-    """The tracker of a scenario."""
-    if scenario.tracker.kind == TrackerKind.CAMERA:
-        return make_field_tracker(scenario)
-    return ObjectTracker(scenario.tracker)
+    """The tracker of a scenario; on perception's cameras it has their noise models."""
+    if scenario.tracker.kind != TrackerKind.CAMERA:
+        return ObjectTracker(scenario.tracker)
+    second = scenario.perception.second_camera
+    other = make_camera(scenario, second) if second else None
+    return FieldTracker(make_camera(scenario), scenario.tracker, other)
 
 
 def make_part(part: Part, scenario: Scenario, reachability: Reachability) -> Any:
@@ -247,3 +248,29 @@ def make_part(part: Part, scenario: Scenario, reachability: Reachability) -> Any
     if part not in scenario.parts:
         return make()
     return make_named(part, scenario.parts[part], argument)
+
+
+def make_static_grid(scenario: Scenario) -> ObstacleGrid | None:
+    """Distances to the bodies of the scenario's cell but robot and table; None if it has none.
+
+    Raises:
+        ScenarioError: The arm begins in one of them.
+        MeshError: A mesh cannot be read, or is flat.
+    """
+    obstacles = make_static_obstacles(scenario)
+    if names := modeled_bodies(scenario):
+        X_WB, half, _ = cell_boxes(station_config(scenario), names)
+        name = ", ".join(names)
+        obstacles += [StaticObstacle.box(name, 2.0 * h, X) for X, h in zip(X_WB, half, strict=True)]
+    if not obstacles:
+        return None
+    balls = arm_balls(capsule_model(load_gripper(scenario.gripper), load_arm(scenario.arm)))
+    center = balls.placed(scenario.start)
+    for obstacle in obstacles:
+        room = float(np.min(obstacle.distance(center) - balls.radius))
+        if room < 0.0:
+            raise ScenarioError(
+                f"the obstacle {obstacle.name} of cell is {-100.0 * room:.1f} cm in the arm at "
+                "q_start; move one of them"
+            )
+    return static_grid(obstacles)

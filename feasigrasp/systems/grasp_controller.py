@@ -1,7 +1,5 @@
 """Base system of grasp controllers: ports, rates, state and safety filter."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cached_property
 from typing import Annotated, Any
@@ -10,12 +8,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import (
-    Context,
-    DependencyTicket,
-    InputPort,
-    LeafSystem,
-)
+from pydrake.systems.framework import Context, DependencyTicket, InputPort, LeafSystem
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
@@ -35,13 +28,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import Motion, MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.quantities import (
-    JACOBIAN,
-    JOINT_RATES,
-    TWIST,
-    NotNegative,
-    Positive,
-)
+from feasigrasp.models.quantities import JACOBIAN, JOINT_RATES, TWIST, NotNegative, Positive
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -56,6 +43,7 @@ from feasigrasp.systems.ports import (
     PeriodicState,
     declare_cache,
     declare_input,
+    declare_output,
     evaluate,
     optional,
     weakly,
@@ -68,25 +56,10 @@ class GraspController(LeafSystem):
     .. pydrake_system::
 
         name: GraspController
-        input_ports:
-        - position
-        - grasps
-        - object_pose
-        - object_velocity
-        - desired_velocity
-        - scene
-        - static_obstacles
-        - object_motion
-        - phase
-        - gpdf
-        - touch
-        - camera_pose
-        - search_target
-        - tracking
-        - plan
-        output_ports:
-        - commanded_velocity
-        - chosen_grasp
+        input_ports: [position, grasps, object_pose, object_velocity, desired_velocity, scene,
+          static_obstacles, object_motion, phase, gpdf, touch, camera_pose, search_target, tracking,
+          plan]
+        output_ports: [commanded_velocity, chosen_grasp]
 
     ``position`` and ``commanded_velocity`` are V7 [rad], [rad/s]; ``grasps`` is a `GraspSet` in the
     object frame, reachable ones. Optional are ``desired_velocity``, the last command as the drive
@@ -198,9 +171,7 @@ class GraspController(LeafSystem):
         self._planning_time = 0.0
         self._search_pose = PeriodicState(self, None, ReachabilityConfig.period, self._search)
         self.DeclareVectorOutputPort("commanded_velocity", n, weakly(self._calc))
-        self.DeclareVectorOutputPort(
-            "chosen_grasp", 16, weakly(self._calc_chosen), self.memory_tickets
-        )
+        declare_output(self, "chosen_grasp", self._calc_chosen, self.memory_tickets, size=16)
 
     @cached_property
     def safety(self) -> SafetyFilter:
@@ -402,6 +373,6 @@ class GraspController(LeafSystem):
             qd = self.enforced(yielding_velocity(qd, inputs.touch, J_WH), inputs)
         output.SetFromVector(qd)
 
-    def _calc_chosen(self, context: Context, output) -> None:
+    def _calc_chosen(self, context: Context) -> Array:
         X_OG = self.chosen(self.memory(context))
-        output.SetFromVector(np.full(16, np.nan) if X_OG is None else np.ravel(X_OG))
+        return np.full(16, np.nan) if X_OG is None else X_OG

@@ -1,7 +1,5 @@
 """Samples grasps from the distance field of the object."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,10 +38,8 @@ class GraspSampler(LeafSystem):
     .. pydrake_system::
 
         name: GraspSampler
-        input_ports:
-        - gpdf
-        output_ports:
-        - grasps
+        input_ports: [gpdf]
+        output_ports: [grasps]
 
     ``gpdf`` is a `Gpdf` or None (nothing seen yet), ``grasps`` a `GraspSet` in the same frame, with
     the reason and count of every rejection; empty before the first view. Any callable from a field

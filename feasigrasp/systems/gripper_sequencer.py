@@ -1,7 +1,5 @@
 """State machine of the gripper: close, release from the carrier, lift, shake, hold."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
@@ -39,7 +37,7 @@ from feasigrasp.systems.ports import (
     declare_input,
     declare_output,
     optional,
-    weakly,
+    scalar,
 )
 
 
@@ -49,28 +47,10 @@ class GripperSequencer(LeafSystem):
     .. pydrake_system::
 
         name: GripperSequencer
-        input_ports:
-        - position
-        - grasps
-        - object_pose
-        - object_velocity
-        - object_motion
-        - gripper_state
-        - gpdf
-        - tracking
-        - perceived
-        - lapsed
-        - arrival
-        output_ports:
-        - grasps
-        - gpdf
-        - object_pose
-        - object_velocity
-        - object_motion
-        - gripper_position
-        - object_hold
-        - phase
-        - search_target
+        input_ports: [position, grasps, object_pose, object_velocity, object_motion, gripper_state,
+          gpdf, tracking, perceived, lapsed, arrival]
+        output_ports: [grasps, gpdf, object_pose, object_velocity, object_motion, gripper_position,
+          object_hold, phase, search_target]
 
     It stands between the reachability filter and a controller, and passes grasps, object pose and
     twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is
@@ -157,11 +137,9 @@ class GripperSequencer(LeafSystem):
         )
         motion = {state, time, self._motion.ticket()}
         declare_output(self, "object_motion", self._calc_motion, motion)
-        self.DeclareVectorOutputPort(
-            "gripper_position", 1, weakly(self._calc_gripper), {state, time}
-        )
-        self.DeclareVectorOutputPort("object_hold", 1, weakly(self._calc_hold), {state})
-        self.DeclareVectorOutputPort("phase", 1, weakly(self._calc_phase), {state})
+        declare_output(self, "gripper_position", self._calc_gripper, {state, time}, size=1)
+        declare_output(self, "object_hold", self._calc_hold, {state}, size=1)
+        declare_output(self, "phase", lambda context: self.state(context).phase, {state}, size=1)
         declare_output(
             self, "search_target", self._calc_search_target, {state, self._tracking.ticket()}
         )
@@ -169,8 +147,7 @@ class GripperSequencer(LeafSystem):
     @checked(GraspError)
     def state(self, context: Context) -> GraspState:
         """State of the sequence."""
-        state: GraspState = self._state.Eval(context)
-        return state
+        return self._state.Eval(context)
 
     def _doubt(self, context: Context) -> StatusCode | None:
         """Why what is known of the object is not to be relied on; None if it is."""
@@ -178,7 +155,7 @@ class GripperSequencer(LeafSystem):
             return StatusCode.POSE_LOST
         if self._perceived.HasValue(context) and self._perceived.Eval(context).contradicted:
             return StatusCode.POSE_CONTRADICTED
-        if self._lapsed.HasValue(context) and self._lapsed.Eval(context)[0]:
+        if scalar(self._lapsed, context, 0.0):
             return StatusCode.PERCEPTION_LAPSED
         return None
 
@@ -256,8 +233,7 @@ class GripperSequencer(LeafSystem):
 
     def _calc_gpdf(self, context: Context) -> Gpdf | None:
         committed = self.state(context).grasp is not None
-        gpdf: Gpdf | None = None if committed else optional(self._gpdf, context)
-        return gpdf
+        return None if committed else optional(self._gpdf, context)
 
     def _calc_pose(self, context: Context) -> RigidTransform:
         return RigidTransform(self._target(context)[0])
@@ -269,8 +245,7 @@ class GripperSequencer(LeafSystem):
         state = self.state(context)
         if state.grasp is not None:
             return CommittedMotion(state, context.get_time(), self._config)
-        motion: Motion | None = optional(self._motion, context)
-        return motion
+        return optional(self._motion, context)
 
     def _calc_search_target(self, context: Context) -> SearchTarget | None:
         approaching = self.state(context).phase == Phase.APPROACH
@@ -281,7 +256,10 @@ class GripperSequencer(LeafSystem):
             return None
         return SearchTarget(tracking.expected, tracking.age)
 
-    def _calc_gripper(self, context: Context, output) -> None:
+    def _calc_hold(self, context: Context) -> bool:
+        return not self.state(context).released
+
+    def _calc_gripper(self, context: Context) -> float:
         state = self.state(context)
         opening = self._gripper.max_opening
         if state.phase == Phase.CLOSE and np.isnan(state.pressing_since):
@@ -289,10 +267,4 @@ class GripperSequencer(LeafSystem):
             opening = max(self.CLOSED, opening - travelled)
         elif state.phase >= Phase.CLOSE:
             opening = self.CLOSED
-        output.SetAtIndex(0, opening)
-
-    def _calc_hold(self, context: Context, output) -> None:
-        output.SetAtIndex(0, float(not self.state(context).released))
-
-    def _calc_phase(self, context: Context, output) -> None:
-        output.SetAtIndex(0, float(self.state(context).phase))
+        return opening

@@ -1,7 +1,5 @@
 """Receding-horizon controllers of the arm, in task space and in joint space."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

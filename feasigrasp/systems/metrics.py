@@ -1,12 +1,11 @@
-"""Samples the quantities behind the metrics of a run."""
-
-from __future__ import annotations
+"""What a run is judged by: samples of the quantities behind its metrics, and the true frame O."""
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.arguments import checked
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel, so3_log_kernel
 from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -14,7 +13,8 @@ from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import arm_condition_kernel, forward_kinematics
-from feasigrasp.systems.ports import declare_input, optional, weakly
+from feasigrasp.models.tracking.tracker import FieldTrack
+from feasigrasp.systems.ports import declare_input, declare_output, optional, scalar, weakly
 
 #: Time between samples [s]. Source: definition.
 SAMPLE_PERIOD = 0.02
@@ -26,18 +26,7 @@ SAMPLE_NAMES = (
     "manipulability",
     "grasp_position_error",
     "grasp_angle_error",
-    "p_HO_x",
-    "p_HO_y",
-    "p_HO_z",
-    "r_OH_x",
-    "r_OH_y",
-    "r_OH_z",
-    "p_WO_x",
-    "p_WO_y",
-    "p_WO_z",
-    "r_WO_x",
-    "r_WO_y",
-    "r_WO_z",
+    *(f"{name}_{axis}" for name in ("p_HO", "r_OH", "p_WO", "r_WO") for axis in "xyz"),
     "phase",
     "sampled_grasps",
     "reachable_grasps",
@@ -52,17 +41,9 @@ class Metrics(LeafSystem):
     .. pydrake_system::
 
         name: Metrics
-        input_ports:
-        - state
-        - object_pose
-        - frame_pose
-        - tracked_pose
-        - grasps
-        - phase
-        - sampled_grasps
-        - view_time
-        output_ports:
-        - sample
+        input_ports: [state, object_pose, frame_pose, tracked_pose, grasps, phase, sampled_grasps,
+          view_time]
+        output_ports: [sample]
 
     ``state`` is the arm's V14 state, ``object_pose`` the true one, X_WB, ``frame_pose`` the true
     pose X_WO of the object frame in which the grasps are, where that is not the object's own (see
@@ -91,14 +72,13 @@ class Metrics(LeafSystem):
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._sampled = declare_input(self, "sampled_grasps", GraspSet.empty())
         self._view_time = self.DeclareVectorInputPort("view_time", 1)
-        self.DeclareVectorOutputPort("sample", len(SAMPLE_NAMES), weakly(self._calc))
+        declare_output(self, "sample", self._calc, size=len(SAMPLE_NAMES))
 
-    def _calc(self, context: Context, output) -> None:
+    def _calc(self, context: Context) -> Array:
         q, v = np.split(self._state.Eval(context), 2)
         X_WB = self._pose.Eval(context).GetAsMatrix4()
-        X_WO = X_WB
-        if self._frame_pose.HasValue(context):
-            X_WO = self._frame_pose.Eval(context).GetAsMatrix4()
+        frame_pose: RigidTransform | None = optional(self._frame_pose, context)
+        X_WO = X_WB if frame_pose is None else frame_pose.GetAsMatrix4()
         tracked: RigidTransform | None = optional(self._tracked, context)
         p_WO = np.full(3, np.nan) if tracked is None else tracked.translation()
         X_WH = forward_kinematics(q, self._gripper.X_FG, self._arm)
@@ -110,26 +90,78 @@ class Metrics(LeafSystem):
             errors = grasp_errors(grasps.X_OG, inverse_kernel(X_WO) @ X_WH)
             nearest = errors[np.argmin(errors[:, 0] + 0.1 * errors[:, 1])]
         p_HB = inverse_kernel(X_BH)[:3, 3]
-        view_time = (
-            self._view_time.Eval(context)[0] if self._view_time.HasValue(context) else np.nan
-        )
-        output.SetFromVector(
-            np.concatenate(
-                [
-                    arm_condition_kernel(self._arm.chain, q, v),
-                    nearest,
-                    p_HB,
-                    so3_log_kernel(np.ascontiguousarray(X_BH[:3, :3])),
-                    X_WB[:3, 3],
-                    so3_log_kernel(np.ascontiguousarray(X_WB[:3, :3])),
-                    self._phase.Eval(context),
-                    [_count(sampled), _count(grasps), context.get_time() - view_time],
-                    [np.linalg.norm(p_WO - X_WO[:3, 3])],
-                ]
-            )
+        view_time = scalar(self._view_time, context, np.nan)
+        return np.concatenate(
+            [
+                arm_condition_kernel(self._arm.chain, q, v),
+                nearest,
+                p_HB,
+                so3_log_kernel(np.ascontiguousarray(X_BH[:3, :3])),
+                X_WB[:3, 3],
+                so3_log_kernel(np.ascontiguousarray(X_WB[:3, :3])),
+                self._phase.Eval(context),
+                [_count(sampled), _count(grasps), context.get_time() - view_time],
+                [np.linalg.norm(p_WO - X_WO[:3, 3])],
+            ]
         )
 
 
 def _count(grasps: GraspSet | None) -> float:
     """Number of grasps; NaN if unconnected."""
     return np.nan if grasps is None else float(len(grasps))
+
+
+class TrueFrame(LeafSystem):
+    """Follows the object frame O of a tracker as if it were painted on the object.
+
+    .. pydrake_system::
+
+        name: TrueFrame
+        input_ports: [object_pose, pose_at_view, tracked_pose, track]
+        output_ports: [frame_pose]
+
+    ``object_pose`` is the true pose X_WB of the object's own frame, ``pose_at_view`` the one at the
+    exposure of the image that was tracked last, and ``tracked_pose`` X_WO of the frame that the
+    tracker chose at the first view, NaN before. Where O is on the object, X_BO, is
+    taken from both once, as soon as there is a tracked pose, and again if the tracker's ``track``
+    (`FieldTrack`, optional) begins a new O; from then on ``frame_pose`` is X_WB X_BO, whatever the
+    tracker says: by it is judged how well the hand follows grasps that are in O. Before it is X_WB.
+    """
+
+    def __init__(self, period: float) -> None:
+        """Ground truth for evaluation; no evaluated system may read it.
+
+        Args:
+            period: Time between looks for the first tracked pose [s]; so long, at most, the object
+                has moved since. Between two steps of the physics it does not move.
+        """
+        super().__init__()
+        self._object_pose = declare_input(self, "object_pose", RigidTransform())
+        self._at_view = declare_input(self, "pose_at_view", RigidTransform())
+        self._tracked_pose = declare_input(self, "tracked_pose", RigidTransform())
+        self._track = declare_input(self, "track", FieldTrack())
+        # X_BO, and when O was begun [s]; discrete, since an abstract state invalidates all caches.
+        self.DeclareDiscreteState(np.full(13, np.nan))
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._align))
+        declare_output(self, "frame_pose", self._calc, model=RigidTransform())
+
+    def _align(self, context: Context, state) -> EventStatus:
+        track = optional(self._track, context)
+        begun_at = -np.inf if track is None else track.begun_at
+        if context.get_discrete_state_vector().value()[12] == begun_at:
+            return EventStatus.DidNothing()
+        X_WO = self._tracked_pose.Eval(context).GetAsMatrix4()
+        if not np.isfinite(X_WO).all():
+            return EventStatus.DidNothing()
+        X_BO = inverse_kernel(self._at_view.Eval(context).GetAsMatrix4()) @ X_WO
+        state.get_mutable_vector().SetFromVector([*X_BO[:3].ravel(), begun_at])
+        return EventStatus.Succeeded()
+
+    def _calc(self, context: Context) -> RigidTransform:
+        gauge = context.get_discrete_state_vector().value()[:12]
+        X_WB = self._object_pose.Eval(context)
+        if not np.isfinite(gauge).all():
+            return X_WB
+        X_BO = np.eye(4)
+        X_BO[:3] = gauge.reshape(3, 4)
+        return RigidTransform(X_WB.GetAsMatrix4() @ X_BO)

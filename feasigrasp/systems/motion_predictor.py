@@ -1,7 +1,5 @@
 """Another prediction of the object's motion, behind any tracker."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -67,12 +65,8 @@ class MotionPredictor(LeafSystem):
     .. pydrake_system::
 
         name: MotionPredictor
-        input_ports:
-        - object_pose
-        - object_velocity
-        - object_motion
-        output_ports:
-        - object_motion
+        input_ports: [object_pose, object_velocity, object_motion]
+        output_ports: [object_motion]
 
     Inputs are outputs of a tracker; its ``object_motion`` is optional. The output is a
     `CustomMotion`.

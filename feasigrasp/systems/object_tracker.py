@@ -31,14 +31,8 @@ class ObjectTracker(LeafSystem):
     .. pydrake_system::
 
         name: ObjectTracker
-        input_ports:
-        - pose
-        - stamp
-        output_ports:
-        - object_pose
-        - object_velocity
-        - object_motion
-        - tracking
+        input_ports: [pose, stamp]
+        output_ports: [object_pose, object_velocity, object_motion, tracking]
 
     ``pose`` and ``object_pose`` are ``RigidTransform`` X_WO; ``object_velocity`` is a
     ``SpatialVelocity`` V_WO; ``object_motion`` is a `MotionEstimate`, which predicts. All three

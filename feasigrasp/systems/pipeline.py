@@ -1,7 +1,5 @@
 """The systems of the diagram, in the order of `feasigrasp.systems.wiring`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -32,35 +30,26 @@ from feasigrasp.systems.from_scenario import (
     make_grasp_sampler,
     make_object_pixels,
     make_scene,
+    make_static_grid,
     uses_eye_in_hand_tracking,
 )
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
-from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
+from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics, TrueFrame
 from feasigrasp.systems.monitoring.camera_pictures import CameraPictures
 from feasigrasp.systems.monitoring.contact_sense import ContactSense
-from feasigrasp.systems.monitoring.grasp_visualizer import GraspVisualizer
+from feasigrasp.systems.monitoring.meshcat_view import GraspVisualizer, add_scene
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
-from feasigrasp.systems.monitoring.true_frame import TrueFrame
 from feasigrasp.systems.motion_predictor import MotionPredictor
 from feasigrasp.systems.reachability_filter import PayloadFilter, SceneFilter
-from feasigrasp.systems.segmentation.mask_segmentation import MaskFn
+from feasigrasp.systems.segmentation.foreground_segmentation import MaskFn
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
-from feasigrasp.systems.stages.controllers import (
-    make_drive,
-    make_reachability_filter,
-)
+from feasigrasp.systems.stages.controllers import make_drive, make_reachability_filter
 from feasigrasp.systems.stages.delay import Delay
 from feasigrasp.systems.stages.faults import FaultInjection
-from feasigrasp.systems.stages.remote import (
-    add_lapsed,
-    remote_scene,
-    remote_tracker,
-)
-from feasigrasp.systems.stages.static_obstacles import make_static_grid
-from feasigrasp.systems.station.meshcat_scene import add_scene
+from feasigrasp.systems.stages.remote import add_lapsed, remote_scene, remote_tracker
+from feasigrasp.systems.station.exposures import PoseAt
 from feasigrasp.systems.station.object_contact import ObjectContact, ObstacleDistance
-from feasigrasp.systems.station.pose_at import PoseAt
 from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.wiring import connect_all
 
@@ -275,11 +264,7 @@ def add_control(
 ) -> None:
     """Adds what leads from grasps to what arm and gripper are sent.
 
-    Args:
-        cell: The cell.
-        reachability: What the arm can reach.
-        controller: The arm's velocity.
-        planner: What plans for the controller; None where it does that itself.
+    The ``planner`` plans for the controller; None where that does so itself.
     """
     scenario = cell.scenario
     config, safe = scenario.reachability, scenario.control.safe
@@ -348,11 +333,7 @@ def add_measurement(cell: Cell) -> None:
 
 
 def add_judges(cell: Cell) -> None:
-    """Adds what a run is judged by, in the whole pipeline or beside the drivers, and its logs.
-
-    Args:
-        cell: A cell whose station is simulated.
-    """
+    """Adds what a run in a simulated station is judged by, with or without pipeline; its logs."""
     station = cell.station
     metrics = cell.add("metrics", Metrics(cell.gripper, cell.arm))
     distance = ObstacleDistance(station.plant, station.robot_instances())

@@ -26,7 +26,7 @@ from feasigrasp.models.shape.completion import DEFAULT, complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.grids import object_grid
 from feasigrasp.scenario.schema import PerceptionConfig
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional, scalar
 
 #: A view contradicts the earlier ones beyond this share, see `FusedCloud.contradicted`. Source:
 #: guessed.
@@ -76,23 +76,19 @@ def declare_perceived(
 ) -> None:
     """The output ports ``gpdf``, ``perceived``, ``view_time`` and ``view_faults`` of a perception.
 
-    Args:
-        system: The perception, see `PointCloudToGPDF` for what they are.
-        perceived: What it has seen.
-        state: What that depends on.
+    See `PointCloudToGPDF` for what they are; ``perceived`` depends on ``state``.
     """
 
-    def calc_view_time(context: Context, output) -> None:
+    def view_time(context: Context) -> float:
         times = perceived(context).views.times
-        output.SetAtIndex(0, times[-1] if len(times) else np.nan)
-
-    def calc_faults(context: Context, output) -> None:
-        output.SetAtIndex(0, float(perceived(context).faults.total()))
+        return times[-1] if len(times) else np.nan
 
     declare_output(system, "gpdf", lambda context: perceived(context).gpdf, state)
     declare_output(system, "perceived", perceived, state)
-    system.DeclareVectorOutputPort("view_time", 1, calc_view_time, state)
-    system.DeclareVectorOutputPort("view_faults", 1, calc_faults, state)
+    declare_output(system, "view_time", view_time, state, size=1)
+    declare_output(
+        system, "view_faults", lambda context: perceived(context).faults.total(), state, size=1
+    )
 
 
 class PointCloudToGPDF(LeafSystem):
@@ -101,18 +97,8 @@ class PointCloudToGPDF(LeafSystem):
     .. pydrake_system::
 
         name: PointCloudToGPDF
-        input_ports:
-        - point_cloud
-        - image_time
-        - object_pose
-        - camera_pose
-        - tracking
-        - outline
-        output_ports:
-        - gpdf
-        - perceived
-        - view_time
-        - view_faults
+        input_ports: [point_cloud, image_time, object_pose, camera_pose, tracking, outline]
+        output_ports: [gpdf, perceived, view_time, view_faults]
 
     ``point_cloud`` shows the object only, in the world frame W, at ``image_time`` (V1) [s], NaN
     before the first image, or now if that is left open; ``object_pose`` X_WO and ``camera_pose``
@@ -203,8 +189,7 @@ class PointCloudToGPDF(LeafSystem):
         p_OC = X_OW @ X_WC.translation()
         if not (np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()):
             return seen.without(ViewFault.UNKNOWN_POSE)
-        stamped = self._image_time.HasValue(context)
-        time = float(self._image_time.Eval(context)[0] if stamped else context.get_time())
+        time = scalar(self._image_time, context, context.get_time())
         if not np.isfinite(time):
             return seen
         adds_information = seen.views.adds_information(

@@ -1,7 +1,5 @@
 """Fuses the surroundings of the object into a scene field."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
@@ -42,13 +40,8 @@ class PointCloudToScene(LeafSystem):
     .. pydrake_system::
 
         name: PointCloudToScene
-        input_ports:
-        - point_cloud
-        - label_image
-        - camera_pose
-        - position
-        output_ports:
-        - scene
+        input_ports: [point_cloud, label_image, camera_pose, position]
+        output_ports: [scene]
 
     ``point_cloud`` is pixel-ordered, in the world frame W, ``label_image`` of the same camera,
     ``camera_pose`` X_WC a ``RigidTransform``; ``position`` (V7), optional, is that of the arm.
@@ -71,12 +64,8 @@ class PointCloudToScene(LeafSystem):
     ) -> None:
         """A perception of the surroundings that looks every ``period`` seconds.
 
-        Args:
-            ignored_labels: Labels of the bodies that are no part of the scene: robot and object.
-            gripper: The hand that the arm carries; the default one if None.
-            period: Time between views [s].
-            resolution: Resolution of the scene [m].
-            arm: The arm.
+        Ignored are the labels of robot and object. The arm carries the default hand if ``gripper``
+        is None. The ``resolution`` is that of the scene [m].
         """
         super().__init__()
         self._ignored, self._resolution = np.array(sorted(set(ignored_labels))), resolution

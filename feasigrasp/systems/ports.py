@@ -7,6 +7,8 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     CacheEntry,
@@ -51,6 +53,11 @@ def optional(port: InputPort | ObjectInput, context: Context) -> Any:
     return evaluate(port, context) if port.HasValue(context) else None
 
 
+def scalar(port: InputPort, context: Context, default: float) -> float:
+    """The number at an input port (V1); ``default`` if nothing is connected to it."""
+    return float(port.Eval(context)[0]) if port.HasValue(context) else default
+
+
 class ObjectInput:
     """An input port for Python objects of one kind, which refuses others by name when it is read.
 
@@ -87,14 +94,10 @@ class ObjectInput:
 def declare_input(
     system: LeafSystem, name: str, model: Any = None, *, kind: Any = None
 ) -> InputPort | ObjectInput:
-    """An input port for values of the type of ``model``.
+    """An input port for values of the type of ``model``; for Python objects if that is None.
 
-    Args:
-        system: Whose port it is.
-        name: Of the port.
-        model: A value; None for Python objects.
-        kind: The annotation that those have to satisfy, see `feasigrasp.models.arguments`; the type
-            of ``model``, or anything, unless given.
+    Those have to satisfy the annotation ``kind`` (see `feasigrasp.models.arguments`); unless it is
+    given, they have the type of ``model``, or any.
     """
     value = to_value(model)
     port = system.DeclareAbstractInputPort(name, value)
@@ -111,15 +114,19 @@ def declare_output(
     prerequisites: set[DependencyTicket] | None = None,
     *,
     model: Any = None,
+    size: int | None = None,
 ) -> OutputPort:
     """An output port whose value ``calc`` returns, of the type of ``model`` (see `declare_input`).
 
-    Without ``prerequisites`` it depends on everything.
+    With a ``size`` it is a vector of so many numbers. Without ``prerequisites`` it depends on
+    everything.
     """
-    allocate = to_value(model).Clone
     tickets = prerequisites or {system.all_sources_ticket()}
+    if size is not None:
+        numbers = _kept_by(system, lambda context, to: to.SetFromVector(_numbers(calc(context))))
+        return system.DeclareVectorOutputPort(name, size, numbers, tickets)
     setting = _kept_by(system, _setting(calc))
-    return system.DeclareAbstractOutputPort(name, allocate, setting, tickets)
+    return system.DeclareAbstractOutputPort(name, to_value(model).Clone, setting, tickets)
 
 
 def declare_cache(
@@ -205,6 +212,10 @@ def _kept_by(system: LeafSystem, call: Callable[..., Any]) -> Callable[..., Any]
 
 def _setting(calc: Calc) -> Callable[[Context, AbstractValue], None]:
     return lambda context, value: value.set_value(_stored(calc(context)))
+
+
+def _numbers(value: Any) -> NDArray[np.float64]:
+    return np.ravel(np.asarray(value, dtype=float))
 
 
 def _stored(value: Any) -> Any:

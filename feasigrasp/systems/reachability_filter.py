@@ -1,7 +1,5 @@
 """Filters of grasps by payload, scene and reachability."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
@@ -43,11 +41,8 @@ class PayloadFilter(LeafSystem):
     .. pydrake_system::
 
         name: PayloadFilter
-        input_ports:
-        - grasps
-        - object_pose
-        output_ports:
-        - grasps
+        input_ports: [grasps, object_pose]
+        output_ports: [grasps]
 
     ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
     ``RigidTransform``; while it is not finite, the worst direction of gravity counts, and nothing
@@ -77,12 +72,8 @@ class SceneFilter(LeafSystem):
     .. pydrake_system::
 
         name: SceneFilter
-        input_ports:
-        - grasps
-        - object_pose
-        - scene
-        output_ports:
-        - grasps
+        input_ports: [grasps, object_pose, scene]
+        output_ports: [grasps]
 
     ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
     ``RigidTransform``; ``scene`` a `SceneField` in W, or None, which drops nothing. What is dropped
@@ -93,13 +84,10 @@ class SceneFilter(LeafSystem):
     def __init__(
         self, gripper: Gripper, *, margin: float = 0.005, either_way_round: bool = False
     ) -> None:
-        """A filter for one hand.
+        """A filter for one hand, which keeps ``margin`` [m] from every surface.
 
-        Args:
-            gripper: The hand.
-            margin: Least distance of the hand from every surface [m].
-            either_way_round: Whether a grasp stays if the hand is clear after half a turn about
-                the approach direction; for sets whose grasps have not been turned yet.
+        A grasp stays ``either_way_round`` if the hand is clear after half a turn about the approach
+        direction; for sets whose grasps have not been turned yet.
         """
         super().__init__()
         self._gripper, self._margin, self._either = gripper, margin, either_way_round
@@ -136,16 +124,9 @@ class ReachabilityFilter(LeafSystem):
     .. pydrake_system::
 
         name: ReachabilityFilter
-        input_ports:
-        - grasps
-        - object_pose
-        - object_velocity
-        - object_motion
-        - position
-        - desired_velocity
-        output_ports:
-        - grasps
-        - verdicts
+        input_ports: [grasps, object_pose, object_velocity, object_motion, position,
+          desired_velocity]
+        output_ports: [grasps, verdicts]
 
     Grasps are in the object frame, before and after. A grasp and its flip about the approach
     direction are one grasp but two hand poses: both are tried by default, and both may
@@ -183,12 +164,9 @@ class ReachabilityFilter(LeafSystem):
         self._symmetric_grasps = symmetric_grasps
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._now = _SituationInputs(self, reachability, prediction)
-        self._kept_before = PeriodicState(
-            self,
-            np.zeros(0, dtype=np.int64),
-            period,
-            lambda context: judged.Eval(context).grasps.id,
-        )
+        none = np.zeros(0, dtype=np.int64)
+        kept = PeriodicState(self, none, period, lambda context: judged.Eval(context).grasps.id)
+        self._kept_before = kept
         inputs = {self._grasps.ticket(), self._kept_before.ticket(), *self._now.tickets}
         judged = declare_cache(self, "judged", self._calc_judged, inputs)
         of_judged = {judged.ticket()}
@@ -239,16 +217,9 @@ class FeasiblePoses(LeafSystem):
     .. pydrake_system::
 
         name: FeasiblePoses
-        input_ports:
-        - grasps
-        - gpdf
-        - object_pose
-        - object_velocity
-        - object_motion
-        - position
-        - desired_velocity
-        output_ports:
-        - feasibility
+        input_ports: [grasps, gpdf, object_pose, object_velocity, object_motion, position,
+          desired_velocity]
+        output_ports: [feasibility]
 
     Ports are those of `ReachabilityFilter`, and ``gpdf``, the object's `Gpdf`, or None, without
     which only the arm counts (optional). ``feasibility`` is a `Feasibility`, grasp by grasp as they

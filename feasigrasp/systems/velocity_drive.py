@@ -5,11 +5,12 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel
 from feasigrasp.models.quantities import Positive, PositiveShare
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.systems.ports import weakly
+from feasigrasp.systems.ports import declare_output, weakly
 
 
 class VelocityDrive(LeafSystem):
@@ -18,13 +19,8 @@ class VelocityDrive(LeafSystem):
     .. pydrake_system::
 
         name: VelocityDrive
-        input_ports:
-        - velocity
-        - position
-        output_ports:
-        - desired_state
-        - command_faults
-        - desired_velocity
+        input_ports: [velocity, position]
+        output_ports: [desired_state, command_faults, desired_velocity]
 
     ``velocity`` [rad/s] and ``position`` [rad] are V7, ``desired_state`` is V14 (positions, then
     velocities: the differences of the positions over the period) and ``desired_velocity`` its
@@ -62,12 +58,8 @@ class VelocityDrive(LeafSystem):
         faults = self.DeclareDiscreteState(1)
         self.DeclareStateOutputPort("desired_state", state)
         self.DeclareStateOutputPort("command_faults", faults)
-        self.DeclareVectorOutputPort(
-            "desired_velocity",
-            n,
-            weakly(self._calc_velocity),
-            {self.discrete_state_ticket(state)},
-        )
+        ticket = {self.discrete_state_ticket(state)}
+        declare_output(self, "desired_velocity", self._calc_velocity, ticket, size=n)
         self.DeclareInitializationDiscreteUpdateEvent(weakly(self._initialize))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._update))
         zero = np.zeros(n)
@@ -77,8 +69,8 @@ class VelocityDrive(LeafSystem):
         q = self._position.Eval(context)
         discrete_state.get_mutable_vector(0).SetFromVector(np.concatenate([q, np.zeros(len(q))]))
 
-    def _calc_velocity(self, context: Context, output) -> None:
-        output.SetFromVector(context.get_discrete_state(0).value()[self._arm.joints :])
+    def _calc_velocity(self, context: Context) -> Array:
+        return context.get_discrete_state(0).value()[self._arm.joints :]
 
     def _update(self, context: Context, discrete_state) -> None:
         q, v = np.split(context.get_discrete_state(0).value(), 2)

@@ -6,8 +6,6 @@ scenario (`feasigrasp.systems.pipeline.Cell`), such as a port behind a fault. Of
 separated by ``|``, the first that this diagram has is taken; an input without a source stays open.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
@@ -237,12 +235,10 @@ _BY_NAME = ("sequencer", "tracker", "drive", "contact_sense", "scene_perception"
 def connect_all(
     builder: DiagramBuilder, signals: Mapping[str, OutputPort], cameras: Mapping[str, str]
 ) -> None:
-    """Connects the systems of a builder by the table `CONNECTIONS`.
+    """Connects the systems of a builder by the table `CONNECTIONS`; others are left alone.
 
-    Args:
-        builder: Holds the systems under the names of the table; others are left alone.
-        signals: The sources without a dot that this diagram has.
-        cameras: Names of the station's cameras that ``camera`` and ``second`` stand for.
+    The ``signals`` are the sources without a dot that this diagram has, the ``cameras`` what
+    ``camera`` and ``second`` are called in the station.
     """
     systems: dict[str, System] = {system.get_name(): system for system in builder.GetSystems()}
 

@@ -4,8 +4,6 @@ The file is written by ``tools/make_kernels.py`` from what runs called. Types ar
 syntax: ``(float64, array(float64, 2, 'C'), named('some.module:Load', float64, int64), )``.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -28,13 +26,7 @@ GROUPS = ("task", "joint")
 
 @dataclass(frozen=True)
 class Kernel:
-    """A function and the types that it is compiled for.
-
-    Attributes:
-        module: Its module.
-        name: Its name there.
-        signature: Types of its arguments, see `signature_text`.
-    """
+    """A function of a module, and the types that it is compiled for, see `signature_text`."""
 
     module: str
     name: str

@@ -4,8 +4,6 @@ Stamp files beside the compiled code record what is compiled, of which sources, 
 processor.
 """
 
-from __future__ import annotations
-
 import hashlib
 import subprocess
 import sys
@@ -30,13 +28,7 @@ _MODELS = Path(__file__).parents[1] / "models"
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of the compilation.
-
-    Attributes:
-        done: How many functions are compiled.
-        count: How many there are.
-        seconds_left: About how long the others take [s].
-    """
+    """How many functions of all are compiled, and about how long the others take [s]."""
 
     done: int
     count: int
@@ -79,7 +71,8 @@ def warm_up(
             worker.communicate()
     if work.left():
         return [*work.failures, f"{len(work.left())} others: no process is left"]
-    write_stamps(groups)
+    for group in groups:
+        write_text(_stamp(group), _key())
     return work.failures
 
 
@@ -172,12 +165,6 @@ def cache_folder() -> Path:
 def is_warm(groups: Collection[str]) -> bool:
     """Whether all that these runs call is compiled, for this processor and of these sources."""
     return all(_is_this(_stamp(group)) for group in groups)
-
-
-def write_stamps(groups: Collection[str]) -> None:
-    """Notes that it is."""
-    for group in groups:
-        write_text(_stamp(group), _key())
 
 
 def _stamp(group: str) -> Path:

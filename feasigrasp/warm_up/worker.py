@@ -4,8 +4,6 @@ It reads one kernel a line (module, name and signature, with tabs between them),
 with a line: nothing, or why it could not be compiled. It ends when its answers have no reader.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

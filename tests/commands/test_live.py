@@ -19,7 +19,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.recordings import CameraInfo, DepthFrame, read_depth_folder
 from feasigrasp.recordings.recorder import _SETTLING
 from feasigrasp.recordings.unaided import UnaidedTracker
-from feasigrasp.runs.camera_view import CameraView
+from feasigrasp.runs.live import CameraView
 from feasigrasp.runs.replay import quiet_meshcat
 from tests import fake_realsense
 from tests.browser import visit

@@ -88,7 +88,7 @@ def test_the_page_stays_until_enter_and_says_so(live, keyboard, capsys):
     print(file=keyboard, flush=True)
     thread.join(10.0)
     assert not thread.is_alive()
-    assert capsys.readouterr().out == f"{live.server.url} stays open; Enter or Ctrl-C ends it\n"
+    assert capsys.readouterr().out == f"{live.url} stays open; Enter or Ctrl-C ends it\n"
 
 
 def test_ctrl_c_ends_the_stay_without_a_traceback(live, keyboard, monkeypatch):
@@ -100,14 +100,14 @@ def test_ctrl_c_ends_the_stay_without_a_traceback(live, keyboard, monkeypatch):
 
 
 def fetch(live, path):
-    with urllib.request.urlopen(live.server.url + path) as answer:
+    with urllib.request.urlopen(live.url + path) as answer:
         return answer.read().decode()
 
 
 def test_the_server_has_the_page_and_the_latest_state(live):
     assert f":{live.meshcat.port()}/" in fetch(live, "")
     assert json.loads(fetch(live, "state")) == {"time": 0.0, "status": None, "picture": None}
-    live.server.show(2.0, SLIPS, Picture(1.75, b"jpeg"))
+    live.show(2.0, SLIPS, Picture(1.75, b"jpeg"))
     state = json.loads(fetch(live, "state"))
     assert state["time"] == 2.0 and state["status"] == ["slipping", SLIPS.detail]
     assert base64.b64decode(state["picture"]) == b"jpeg"
@@ -131,8 +131,8 @@ def test_page_and_replay_say_in_the_end_what_came_out(live, keyboard, tmp_path):
 
 
 def test_a_browser_shows_legend_status_and_picture(live, tmp_path):
-    live.server.show(2.0, SLIPS, Picture(1.75, b"jpeg"))
-    _, page = visit(live.server.url, tmp_path, seconds=3.0)
+    live.show(2.0, SLIPS, Picture(1.75, b"jpeg"))
+    _, page = visit(live.url, tmp_path, seconds=3.0)
     assert "2.0 s: slipping (moved &lt;7 mm&gt; in the hand)" in page
     assert f"data:image/jpeg;base64,{base64.b64encode(b'jpeg').decode()}" in page
     assert "reachable grasps" in page
@@ -142,8 +142,8 @@ def test_a_browser_shows_legend_status_and_picture(live, tmp_path):
 def test_a_run_without_keyboard_or_browser_comes_to_its_end(monkeypatch, capsys):
     shown = []
     monkeypatch.setattr(
-        "feasigrasp.runs.live.LiveServer.show",
-        lambda server, time, status, picture: shown.append((time, status, picture)),
+        "feasigrasp.runs.live.LiveView.show",
+        lambda view, time, status, picture: shown.append((time, status, picture)),
     )
     with open(os.devnull) as nothing:
         monkeypatch.setattr(sys, "stdin", nothing)

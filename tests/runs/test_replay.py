@@ -14,7 +14,7 @@ from pydrake.math import RigidTransform
 from feasigrasp.models.control.status import Status, StatusCode
 from feasigrasp.runs.replay import start_recording, write_replay
 from feasigrasp.systems.monitoring.camera_pictures import Picture, jpeg
-from feasigrasp.systems.monitoring.grasp_visualizer import INVENTED, REACHABLE, SEEN
+from feasigrasp.systems.monitoring.meshcat_view import INVENTED, REACHABLE, SEEN
 from tests.browser import visit
 
 HISTORY = (

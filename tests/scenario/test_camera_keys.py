@@ -6,7 +6,7 @@ from pydrake.systems.sensors import CameraConfig, ImageDepth32F
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.scenario.files import load_scenario
-from feasigrasp.systems.hardware.images import _ImageMessage
+from feasigrasp.systems.hardware.measurements import _ImageMessage
 from tests.cell import FILE, Cell
 
 NAME = "wrist_camera"

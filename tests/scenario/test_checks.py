@@ -17,9 +17,8 @@ from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario, numbers, words
-from feasigrasp.scenario.drake_keys import SPANS
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario, scenario_names
-from feasigrasp.scenario.keys import general, members
+from feasigrasp.scenario.keys import SPANS, general, members
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import make_station
 

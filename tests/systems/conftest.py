@@ -1,12 +1,15 @@
 """Systems under test with fixed inputs, and the animation of a Meshcat replay."""
 
 import base64
+import inspect
+import itertools
 import re
 import struct
 from collections.abc import Callable
 from typing import Any
 
 import pytest
+import yaml
 from pydrake.systems.framework import Context, PortDataType, System
 
 from feasigrasp.systems.ports import to_value
@@ -57,17 +60,10 @@ def documented_ports() -> Callable[[type], tuple[list[str], list[str]]]:
 
 
 def _documented_ports(cls: type) -> tuple[list[str], list[str]]:
-    names: dict[str, list[str]] = {"input_ports": [], "output_ports": []}
-    section = None
-    for line in (cls.__doc__ or "").split(".. pydrake_system::")[1].splitlines():
-        text = line.strip()
-        if text.rstrip(":") in names:
-            section = names[text.rstrip(":")]
-        elif section is not None and text.startswith("- "):
-            section.append(text[2:])
-        elif section is not None:
-            break
-    return names["input_ports"], names["output_ports"]
+    block = inspect.getdoc(cls).split(".. pydrake_system::")[1]
+    indented = itertools.takewhile(lambda line: not line or line[0] == " ", block.splitlines())
+    described = yaml.safe_load("\n".join(indented))
+    return described.get("input_ports", []), described.get("output_ports", [])
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.modeled_bodies import ModeledBodies
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
-from feasigrasp.systems.segmentation.mask_segmentation import MaskSegmentation
+from feasigrasp.systems.segmentation.foreground_segmentation import MaskSegmentation
 from feasigrasp_lab.studies.segmentation import intersection_over_union
 
 CAMERA = Camera((60.0, 60.0, 31.5, 23.5), 64, 48, 0.1, 0.007)

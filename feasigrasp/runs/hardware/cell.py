@@ -1,7 +1,5 @@
 """Runs the simulated cell behind driver messages, and evaluates the run."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any
@@ -18,12 +16,12 @@ from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.one_thread import one_thread
 from feasigrasp.runs.console import StatusLine
-from feasigrasp.runs.metrics.motion_limits import ROUNDING
+from feasigrasp.runs.metrics.motion_limits import share_beyond
 from feasigrasp.runs.results.interrupts import postponed_interrupt
 from feasigrasp.runs.run import INTERRUPTED, crash_record, measured, timings_of
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.decode import decode
+from feasigrasp.systems.hardware.channels import decode
 from feasigrasp.systems.hardware.priority import Priority, real_time
 from feasigrasp.systems.hardware.simulated_cell import make_simulated_cell
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
@@ -42,13 +40,7 @@ class ReceivedCommands:
     def __init__(
         self, lcm: DrakeLcm, now: Callable[[], float], joints: int = IIWA_7.joints
     ) -> None:
-        """Listens on a bus.
-
-        Args:
-            lcm: The bus.
-            now: Clock of the simulated time [s].
-            joints: How many the arm has.
-        """
+        """Listens on a bus for commands of so many joints; ``now`` is a simulated clock [s]."""
         self.requests: list[float] = []
         self.unusable = self.late = 0
         self.moved = 0.0
@@ -176,11 +168,11 @@ def _judged(
     velocity = np.diff(held, axis=0) / channels.IIWA_PERIOD
     accelerations = np.diff(velocity, axis=0, prepend=0.0) / channels.IIWA_PERIOD
     arm = load_arm(scenario.arm)
-    accelerations /= arm.acceleration_limits
-    speeds = (velocity / arm.velocity_limits, v / arm.velocity_limits)
-    metrics["velocity_limit_violation_percent"] = max(map(_share_beyond, speeds))
-    metrics["acceleration_limit_violation_percent"] = _share_beyond(accelerations)
-    metrics["acceleration_peak_percent"] = 100.0 * float(np.abs(accelerations).max(initial=0.0))
+    accelerations = np.abs(accelerations / arm.acceleration_limits)
+    speeds = (np.abs(each / arm.velocity_limits) for each in (velocity, v))
+    metrics["velocity_limit_violation_percent"] = max(map(share_beyond, speeds))
+    metrics["acceleration_limit_violation_percent"] = share_beyond(accelerations)
+    metrics["acceleration_peak_percent"] = 100.0 * float(accelerations.max(initial=0.0))
     sent = received.positions
     beyond = (sent < arm.driver.lower) | (sent > arm.driver.upper)
     driver = diagram.GetSubsystemByName("driver")
@@ -201,12 +193,6 @@ def _judged(
         "rest_s": _rest(received, context.get_time()),
     }
     return metrics, report
-
-
-def _share_beyond(ratios: Array) -> float:
-    """Percentage of the rows of which one is beyond 1."""
-    beyond = np.any(np.abs(ratios) > 1.0 + ROUNDING, axis=1)
-    return 100.0 * float(beyond.mean()) if len(beyond) else 0.0
 
 
 def _rest(received: ReceivedCommands, ended: float) -> float | None:

@@ -1,7 +1,5 @@
 """Runs the pipeline of a scenario on the drivers of a cell, real or simulated."""
 
-from __future__ import annotations
-
 import gc
 import multiprocessing
 import threading

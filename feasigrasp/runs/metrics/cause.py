@@ -1,7 +1,5 @@
 """Failure cause of a run without grasp success."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -51,11 +49,6 @@ class Course:
         """The `Phase` of every sample."""
         return self.samples["phase"]
 
-    @property
-    def saw_nothing(self) -> bool:
-        """Whether no view ever became a field."""
-        return bool(np.isnan(self.samples["view_age"][-1]))
-
     def had(self, grasps: str) -> bool:
         """Whether there ever were ``grasps``, or they are not recorded (NaN)."""
         return bool(self.samples[grasps].any())
@@ -78,7 +71,10 @@ def _opened_again(run: Course) -> bool:
 
 _RULES: dict[Cause, Callable[[Course], bool]] = {
     Cause.BROKE_OFF: lambda run: run.truth is not None and run.truth.broke_off,
-    Cause.NOTHING_SEEN: lambda run: run.saw_nothing and not run.had("sampled_grasps"),
+    # No view ever became a field.
+    Cause.NOTHING_SEEN: lambda run: bool(
+        np.isnan(run.samples["view_age"][-1]) and not run.had("sampled_grasps")
+    ),
     Cause.NO_GRASP: lambda run: not run.had("sampled_grasps"),
     Cause.NONE_REACHABLE: lambda run: not run.had("reachable_grasps"),
     Cause.PUSHED_AWAY: lambda run: not run.released and (run.pushed_mm or 0.0) > PUSHED_AWAY,

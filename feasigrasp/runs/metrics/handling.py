@@ -1,7 +1,5 @@
 """Metrics of the object: displacement, premature contact, in-hand motion, grasp success."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,13 +53,7 @@ def pushed_metrics(
         any.
     """
     counts = approach & (np.arange(len(approach)) * period >= ON_PATH_AFTER)
-    if not counts.any():
-        return {"pushed_mm": None, "pushed_deg": None}
-    distance, angle = _displacement(X_WO[counts], X_WP[counts])
-    return {
-        "pushed_mm": 1e3 * float(distance.max()),
-        "pushed_deg": float(np.rad2deg(angle.max())),
-    }
+    return _largest(X_WO, X_WP, counts, ("pushed_mm", "pushed_deg"))
 
 
 def displaced_metrics(X_WO: Array, X_WP: Array, carried: Mask) -> dict[str, float | None]:
@@ -76,25 +68,23 @@ def displaced_metrics(X_WO: Array, X_WP: Array, carried: Mask) -> dict[str, floa
         ``displaced_mm``, ``turned_deg``: the largest distance and angle of these samples; None
         without any.
     """
-    if not carried.any():
-        return {"displaced_mm": None, "turned_deg": None}
-    distance, angle = _displacement(X_WO[carried], X_WP[carried])
-    return {
-        "displaced_mm": 1e3 * float(distance.max()),
-        "turned_deg": float(np.rad2deg(angle.max())),
-    }
+    return _largest(X_WO, X_WP, carried, ("displaced_mm", "turned_deg"))
+
+
+def _largest(
+    X_WO: Array, X_WP: Array, counts: Mask, names: tuple[str, str]
+) -> dict[str, float | None]:
+    """Under two names the largest distance and angle of the samples that count."""
+    if not counts.any():
+        return dict.fromkeys(names)
+    distance, angle = _displacement(X_WO[counts], X_WP[counts])
+    return {names[0]: 1e3 * float(distance.max()), names[1]: float(np.rad2deg(angle.max()))}
 
 
 def closing_speed(X_WP: Array, phase: Array, period: float) -> float | None:
-    """Speed of the object on its path when the fingers last began to close [m/s].
+    """Speed of the object on its path when the fingers last began to close [m/s]; else None.
 
-    Args:
-        X_WP: Where its motion would have it, shape (n, 4, 4) [m].
-        phase: The `Phase`, shape (n,).
-        period: Time between samples [s].
-
-    Returns:
-        None if they never did.
+    The path X_WP (n, 4, 4) and the `Phase` (n,) are sampled every ``period`` seconds.
     """
     began = np.flatnonzero((phase[1:] == Phase.CLOSE) & (phase[:-1] != Phase.CLOSE)) + 1
     if not len(began):

@@ -1,7 +1,5 @@
 """Violations of velocity and acceleration limits, by the commanded and by the true motion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,10 +63,10 @@ def limit_metrics(ticks: JointTicks) -> dict[str, float | None]:
     true = np.abs(true_accelerations(ticks.velocity, ticks.step)) / a_limits
     return {
         "velocity_limit_violation_percent": max(
-            _share_beyond(speed), _share_beyond(np.abs(velocity) / v_limits)
+            share_beyond(speed), share_beyond(np.abs(velocity) / v_limits)
         ),
-        "acceleration_limit_violation_percent": _share_beyond(acceleration),
-        "true_acceleration_violation_percent": _share_beyond(true) if len(true) else None,
+        "acceleration_limit_violation_percent": share_beyond(acceleration),
+        "true_acceleration_violation_percent": share_beyond(true) if len(true) else None,
         "velocity_peak_percent": 100.0 * float(speed.max()),
         "acceleration_peak_percent": 100.0 * float(acceleration.max()),
         "true_acceleration_peak_percent": 100.0 * float(true.max()) if len(true) else None,
@@ -81,5 +79,7 @@ def true_accelerations(velocity: Array, step: float) -> Array:
     return np.asarray((velocity[lag:] - velocity[:-lag]) / (lag * step))
 
 
-def _share_beyond(ratio: Array) -> float:
-    return 100.0 * float(np.mean(np.any(ratio > 1.0 + ROUNDING, axis=1)))
+def share_beyond(ratio: Array) -> float:
+    """Percentage of the rows (n, m) of which one entry is beyond 1; 0 without rows."""
+    beyond = np.any(ratio > 1.0 + ROUNDING, axis=1)
+    return 100.0 * float(np.mean(beyond)) if len(beyond) else 0.0

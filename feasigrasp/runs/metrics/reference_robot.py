@@ -68,12 +68,7 @@ def torque_metrics(
     """``torque_limit_violation_percent`` and ``torque_peak_percent``.
 
     The simulated arm is weightless, a real one is not: what its motors would bear is the simulated
-    actuation and the weight of arm, hand and camera.
-
-    Args:
-        reference: Model with the weight.
-        Q: Joint positions, shape (m, 7) [rad].
-        actuation: Torques of the simulated motors at the same times, shape (m, 7) [Nm].
+    actuation (m, 7) [Nm], and the weight of arm, hand and camera at positions Q (m, 7) [rad].
     """
     share = np.abs(actuation + reference.gravity_torques(Q)) / reference.arm.effort_limits
     clamped = np.abs(actuation) / reference.arm.effort_limits
@@ -141,11 +136,9 @@ class ReferenceRobot:
             self.plant.SetPositions(self._context, instance, upper)
 
     def self_distances(self, Q: Array, below: float = np.inf) -> Array:
-        """Signed distances of the pairs, shape (n, p) [m]; infinite where not ``below``.
+        """Signed distances of the pairs at positions Q (n, 7) [rad], shape (n, p) [m].
 
-        Args:
-            Q: Joint positions, shape (n, 7) [rad].
-            below: Greater distances do not matter, and cost little [m].
+        Those not ``below`` [m] do not matter, cost little, and are infinite.
         """
         place = {frozenset(pair): k for k, pair in enumerate(map(tuple, self.pairs.tolist()))}
         found = np.full((len(Q), len(place)), np.inf)
@@ -156,11 +149,7 @@ class ReferenceRobot:
         return found
 
     def gravity_torques(self, Q: Array) -> Array:
-        """Torques that bear the weight of arm, hand and camera at rest, shape (n, 7) [Nm].
-
-        Args:
-            Q: Joint positions, shape (n, 7) [rad].
-        """
+        """Torques (n, 7) [Nm] that bear arm, hand and camera at rest, by Q (n, 7) [rad]."""
         torques = np.empty((len(Q), self.arm.joints))
         for row, q in zip(torques, Q, strict=True):
             self.plant.SetPositions(self._context, self._arm, q)
@@ -179,24 +168,13 @@ class ReferenceRobot:
         hulls: list[GeometryId] = []
         for visual in self.plant.GetVisualGeometriesForBody(body):
             shape, X_BV = inspector.GetShape(visual), inspector.GetPoseInFrame(visual)
-            if isinstance(shape, Capsule):
-                name = f"capsule {len(hulls)}"
-                hulls.append(
-                    self.plant.RegisterCollisionGeometry(
-                        body, X_BV, shape, name, ProximityProperties()
-                    )
-                )
-            if not isinstance(shape, Mesh):
-                continue
-            for piece in slices(shape, SLICES.get(body.name(), 1)):
-                text = trimesh.exchange.obj.export_obj(piece, header=None, include_normals=False)
-                memory = InMemoryMesh(mesh_file=MemoryFile(text.encode(), ".obj", "slice"))
+            pieces = [shape] if isinstance(shape, Capsule) else []
+            if isinstance(shape, Mesh):
+                pieces = [_convex(piece) for piece in slices(shape, SLICES.get(body.name(), 1))]
+            for piece in pieces:
                 name = f"hull {len(hulls)} of {inspector.GetName(visual)}"
-                hulls.append(
-                    self.plant.RegisterCollisionGeometry(
-                        body, X_BV, Convex(memory), name, ProximityProperties()
-                    )
-                )
+                given = body, X_BV, piece, name, ProximityProperties()
+                hulls.append(self.plant.RegisterCollisionGeometry(*given))
         return hulls
 
     def _keep_apart(self, bodies: list[RigidBody], hulls: list[list[GeometryId]]) -> Array:
@@ -233,6 +211,11 @@ def slices(shape: Mesh, n: int) -> list[trimesh.Trimesh]:
         inside = points[(points[:, 2] >= bottom) & (points[:, 2] <= top)]
         found.append(np.concatenate([inside, _crossing(edges, bottom), _crossing(edges, top)]))
     return [trimesh.convex.convex_hull(piece) for piece in found]
+
+
+def _convex(piece: trimesh.Trimesh) -> Convex:
+    text = trimesh.exchange.obj.export_obj(piece, header=None, include_normals=False)
+    return Convex(InMemoryMesh(mesh_file=MemoryFile(text.encode(), ".obj", "slice")))
 
 
 def _crossing(edges: Array, height: float) -> Array:

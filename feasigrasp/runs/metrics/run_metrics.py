@@ -1,7 +1,5 @@
 """Aggregates the samples of a run into its metrics."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -35,11 +33,7 @@ SAME_POSITION, SAME_ANGLE = 0.03, np.deg2rad(30.0)
 
 
 def tracking_metrics(
-    position_error: Array,
-    angle_error: Array,
-    X_OH: Array,
-    following: Mask,
-    period: float,
+    position_error: Array, angle_error: Array, X_OH: Array, following: Mask, period: float
 ) -> dict[str, float | None]:
     """Figures of the samples in which the hand follows the object with open fingers.
 

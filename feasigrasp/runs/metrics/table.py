@@ -3,8 +3,6 @@
 Record, JSON schema, console, summaries of studies and ``docs/api.md`` read this table.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import StrEnum

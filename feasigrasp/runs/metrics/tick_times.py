@@ -1,7 +1,5 @@
 """Computation times of a controller, per tick."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any
@@ -44,13 +42,7 @@ class TickTimes:
 
 
 def times_of(controller: GraspController, name: str, clock: Callable[[], float]) -> list[float]:
-    """A list that gets how long every call of a controller's method takes from now on.
-
-    Args:
-        controller: The controller.
-        name: ``velocity`` or ``update``.
-        clock: What the time is [s].
-    """
+    """A list that gets how long every call of a controller's method takes from now on [s]."""
     times: list[float] = []
     method: Callable[..., Any] = getattr(controller, name)
 

@@ -1,7 +1,5 @@
 """Picture of a perception result: cloud, completed surface and grasps."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 
@@ -37,8 +35,7 @@ from feasigrasp.runs.pictures.splats import (
     scale_bar,
 )
 from feasigrasp.runs.replay import quiet_meshcat, write_html
-from feasigrasp.systems.monitoring.grasp_visualizer import distance_from_seen
-from feasigrasp.systems.station.meshcat_scene import set_background
+from feasigrasp.systems.monitoring.meshcat_view import distance_from_seen, set_background
 
 
 @lru_cache(maxsize=1)
@@ -47,11 +44,7 @@ def dense_surface(gpdf: Gpdf, across: int = 90) -> SurfacePoints:
 
     `Gpdf.surface` projects a grid, which leaves holes where the field fans out. Here each of its
     points sends neighbours along its tangent plane, which are projected again, until the surface is
-    covered.
-
-    Args:
-        gpdf: The field.
-        across: Points along the longest side of the measured cloud.
+    covered; ``across`` points are along the longest side of the measured cloud.
     """
     spacing = float(np.ptp(gpdf.bounds, axis=0).max()) / across
     # Points of the first, uneven sample are projected from a grid of this many points per side.
@@ -197,11 +190,6 @@ def gripper_outline(gripper: Gripper) -> Array:
     return np.array([(a, 0.0, b) for a, b in line])
 
 
-def outlines_at(X_OG: Array, outline: Array) -> Array:
-    """A line (k, 3) in frame G at poses (n, 4, 4), shape (n, k, 3) [m]."""
-    return np.asarray(np.einsum("nij,kj->nki", X_OG[:, :3, :3], outline) + X_OG[:, None, :3, 3])
-
-
 def draw_perception(perception: Perception, filename: Path, title: str = "") -> None:
     """Draws the cloud, the completed surface from both sides, and the grasps, as a PNG.
 
@@ -241,7 +229,7 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
         axes[3], front, surface.points, (0.72, 0.74, 0.78), size=dot, normals=surface.normals
     )
     X_OG, hand = shown_grasps(perception), gripper_outline(perception.gripper)
-    lines = outlines_at(X_OG, hand)
+    lines = np.einsum("nij,kj->nki", X_OG[:, :3, :3], hand) + X_OG[:, None, :3, 3]
     draw_lines(axes[3], front, lines, GRASP_COLOR, alpha=0.8)
     for X in X_OG[:1]:
         draw_axes(axes[3], front, X, size)

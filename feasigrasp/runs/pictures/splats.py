@@ -16,13 +16,7 @@ from feasigrasp.models.geometry.se3 import perpendiculars
 
 @dataclass(frozen=True)
 class Viewer:
-    """A parallel projection.
-
-    Attributes:
-        right: To the right in the picture, unit vector, shape (3,).
-        up: Upwards in the picture.
-        back: From the scene towards the viewer.
-    """
+    """A parallel projection: unit vectors (3,) to the right, up, and back to the viewer."""
 
     right: Array
     up: Array
@@ -32,13 +26,9 @@ class Viewer:
     def at(
         cls, towards_viewer: ArrayLike, up: ArrayLike, *, turn: float = 0.0, raised: float = 0.0
     ) -> Viewer:
-        """A viewer in some direction from the scene.
+        """A viewer in a direction (3,) from the scene, with what is ``up`` (3,).
 
-        Args:
-            towards_viewer: Direction from the scene, shape (3,).
-            up: What is up, shape (3,).
-            turn: Angle by which the viewer then walks round the scene [rad].
-            raised: Angle by which the viewer then climbs [rad].
+        It then walks round the scene by the angle ``turn``, and climbs by ``raised`` [rad].
         """
         back: Array = np.array(towards_viewer, dtype=float)
         z: Array = np.array(up, dtype=float)
@@ -69,15 +59,10 @@ def draw_points(
     size: float,
     normals: ArrayLike | None = None,
 ) -> None:
-    """Draws points as dots, the nearest on top.
+    """Draws points (n, 3) [m] as dots of a diameter [points], the nearest on top; see `frame`.
 
-    Args:
-        ax: Where; with equal scales, see `frame`.
-        viewer: From where.
-        points: Shape (n, 3) [m].
-        colors: Red, green, blue, shape (n, 3) or (3,).
-        size: Diameter of a dot [points].
-        normals: Outward normals (n, 3): shades the dots, and hides those that face away.
+    Colors are red, green, blue, shape (n, 3) or (3,). Outward normals (n, 3) shade the dots, and
+    hide those that face away.
     """
     x: Array = np.array(points, dtype=float).reshape(-1, 3)
     rgb: Array = np.broadcast_to(np.asarray(colors, dtype=float), x.shape)

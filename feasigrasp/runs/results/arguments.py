@@ -1,7 +1,5 @@
 """Reads options of commands, and prints what a mesh's loader notes."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable
@@ -32,6 +30,12 @@ def share(text: str) -> float:
     if not 0.0 < number <= 1.0:
         raise argparse.ArgumentTypeError(f"{text} is not from 0 to 100%; give e.g. 20% or 0.2")
     return number
+
+
+def add_box(parser: argparse.ArgumentParser, use: str) -> None:
+    """Adds the option for a box in an image, and what it is used for."""
+    sides = ("LEFT", "TOP", "RIGHT", "BOTTOM")
+    parser.add_argument("--box", type=int, nargs=4, metavar=sides, help=use)
 
 
 def output(*ends: str) -> Callable[[str], Path]:

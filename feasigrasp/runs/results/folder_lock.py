@@ -1,7 +1,5 @@
 """Lock of a result folder: one command at a time."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import sys

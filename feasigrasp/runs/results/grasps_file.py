@@ -1,7 +1,5 @@
 """Files of grasps for other programs, and of theirs: JSON, npz, GraspNet's 17 columns."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -33,13 +31,8 @@ def write_grasps(file: Path, grasps: GraspSet, frame: str, source: Path) -> None
     """Writes poses, widths and scores, and what they mean; none are empty lists.
 
     An ``.npy`` has the 17 columns of GraspNet: score, width, height, depth, rotation by rows,
-    translation, object; there x is the approach and y the closing direction.
-
-    Args:
-        file: The file.
-        grasps: The grasps, of a hand with frame G, in one of `FRAMES`.
-        frame: That frame.
-        source: What was perceived.
+    translation, object; there x is the approach and y the closing direction. The grasps are of a
+    hand with frame G, in ``frame``, one of `FRAMES`; ``source`` is what was perceived.
 
     Raises:
         OutputError: It cannot be written.

@@ -1,7 +1,5 @@
 """Handling of Ctrl-C: partial results are kept."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import threading

@@ -4,8 +4,6 @@ Those are drake-iiwa-driver's, with as many joints as the arm has, at the rate o
 guard answers every state with a step within the limits of that cycle (1 to 10 ms).
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np
@@ -15,7 +13,7 @@ from pydrake.lcm import DrakeLcm
 from feasigrasp.models.arrays import Array
 from feasigrasp.plugins import load_plugin, plugins
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.decode import decode
+from feasigrasp.systems.hardware.channels import decode
 
 
 class Driver(Protocol):
@@ -69,8 +67,7 @@ class PandaDriver:
 
 def load_driver(name: str, url: str) -> Driver:
     """The driver of a name, `PandaDriver` for ``panda``."""
-    driver: Driver = PandaDriver(url) if name == "panda" else load_plugin("drivers", name)(url)
-    return driver
+    return PandaDriver(url) if name == "panda" else load_plugin("drivers", name)(url)
 
 
 def driver_names() -> list[str]:

@@ -1,27 +1,36 @@
-"""LCM channels, message types and rates of the cell.
+"""Messages of the cell: LCM channels, types and rates, and decoding.
 
 Those of ``IIWA_*`` are what drake-iiwa-driver reads and writes in position mode, ``SCHUNK_WSG_*``
 drake-schunk-driver's, ``DRAKE_RGBD_CAMERA_IMAGES_*`` what Drake's own camera publishers send. All
-time stamps are microseconds of one clock, that of the computer that the drivers run on.
+time stamps are microseconds of one clock, that of the computer that the drivers run on. Whatever a
+message contains, memory and time of its decoding are bounded.
 """
 
+import struct
 import weakref
+import zlib
 from collections.abc import Callable
 from enum import IntEnum
+from io import BytesIO
 from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
+import numpy as np
 from drake import (
+    lcmt_iiwa_command,
     lcmt_iiwa_status,
+    lcmt_image,
     lcmt_image_array,
     lcmt_robot_state,
     lcmt_schunk_wsg_status,
 )
+from numpy.typing import NDArray
 from pydrake.lcm import DrakeLcm
 from pydrake.manipulation import kIiwaLcmStatusPeriod
 
 from feasigrasp.errors import HardwareError
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.schema import Scenario
 
 #: Multicast that stays on this computer.
@@ -69,16 +78,8 @@ def subscribe(lcm: DrakeLcm, channel: str, receive: Callable[..., None], *given:
     """Has a method called with what comes on a channel, without keeping its object alive.
 
     A bus holds its handlers out of sight of Python's garbage collector: an object that has both
-    the bus and a handler would never be freed, nor the file descriptors of the bus.
-
-    Args:
-        lcm: The bus.
-        channel: The channel.
-        receive: The method; a message's bytes are its last argument.
-        given: Its other arguments.
-
-    Returns:
-        The subscription.
+    the bus and a handler would never be freed, nor the file descriptors of the bus. The method
+    gets the arguments ``given``, then a message's bytes. Returned is the subscription.
     """
     method = weakref.WeakMethod(receive)
 
@@ -120,3 +121,71 @@ def _is_bus(url: str) -> bool:
     except ValueError:  # no address, or a port that is none
         return False
     return parts.scheme == "udpm" and there
+
+
+#: Largest message [bytes]: uncompressed depth and mask of 2560 x 1600 pixels. Source: reasoned.
+LARGEST = 16_384_000
+#: Most images and coordinates of a message. Source: reasoned: more than any driver sends.
+IMAGES, COORDINATES = 8, 64
+#: Largest distance or opening of a message [m]. Source: reasoned: no cell is larger.
+FARTHEST = 100.0
+_TYPES = {
+    lcmt_image.CHANNEL_TYPE_UINT16: np.dtype("<u2"),
+    lcmt_image.CHANNEL_TYPE_INT16: np.dtype("<i2"),
+}
+
+
+def decode(kind: type, data: bytes, joints: int = IIWA_7.joints) -> Any | None:
+    """The message of a type that bytes contain, of an arm of so many joints.
+
+    Returns:
+        None where they are of another type, are cut off or have bytes to spare, or where a value is
+        impossible: another number of joints, not finite, or out of proportion.
+    """
+    if len(data) > LARGEST:
+        return None
+    rest = BytesIO(data)
+    try:
+        message = kind.decode(rest)  # type: ignore[attr-defined]
+    except (ValueError, struct.error, OverflowError, MemoryError):
+        return None
+    return message if not rest.read(1) and _is_possible(message, joints) else None
+
+
+def _is_possible(message: Any, joints: int) -> bool:
+    if isinstance(message, lcmt_iiwa_command):
+        finite = bool(np.isfinite(message.joint_position).all())
+        return message.num_joints == joints and finite
+    if isinstance(message, lcmt_iiwa_status):
+        used = (
+            message.joint_position_measured,
+            message.joint_velocity_estimated,
+            message.joint_torque_external,
+        )
+        return message.num_joints == joints and bool(np.isfinite(used).all())
+    if isinstance(message, lcmt_schunk_wsg_status):
+        values = message.actual_position_mm, message.actual_speed_mm_per_s, message.actual_force
+        return bool((np.abs(values) <= 1e3 * FARTHEST).all())
+    if isinstance(message, lcmt_robot_state):  # positions that are not finite say so
+        return message.num_joints <= COORDINATES and not any(
+            abs(x) > FARTHEST for x in message.joint_position
+        )
+    if isinstance(message, lcmt_image_array):
+        return 0 <= message.num_images <= IMAGES
+    return True
+
+
+def pixels(image: lcmt_image, shape: tuple[int, int]) -> NDArray[np.generic] | None:
+    """The pixels of an image, shape (height, width); None if it is not of that size and 16 bits."""
+    kind = _TYPES.get(image.channel_type)
+    if kind is None or image.bigendian or (image.height, image.width) != shape:
+        return None
+    size, data = shape[0] * shape[1] * kind.itemsize, image.data
+    try:
+        if image.compression_method == lcmt_image.COMPRESSION_METHOD_ZLIB:
+            data = zlib.decompressobj().decompress(data, size + 1)
+        elif image.compression_method != lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED:
+            return None
+        return np.frombuffer(data, kind).reshape(shape)
+    except (zlib.error, ValueError):  # cut off, or too long
+        return None

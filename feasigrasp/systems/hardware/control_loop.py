@@ -1,7 +1,5 @@
 """Advances a diagram with the clock of the arm's status messages."""
 
-from __future__ import annotations
-
 import math
 import struct
 import time
@@ -19,7 +17,7 @@ from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import Connect, make_dynamic_grasp
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.decode import decode
+from feasigrasp.systems.hardware.channels import decode
 from feasigrasp.systems.hardware.station import HardwareStation
 from feasigrasp.systems.remote.remote_stage import remote_stages
 
@@ -54,13 +52,9 @@ class Intake:
     def __init__(
         self, lcm: DrakeLcm, kinds: Mapping[str, type], inbox: DrakeLcm, joints: int = 7
     ) -> None:
-        """Listens on a bus.
+        """Listens on a bus, and hands on to ``inbox``, a bus inside this process.
 
-        Args:
-            lcm: Where the messages come from.
-            kinds: The type of message of every channel.
-            inbox: Where they are handed on to; a bus inside this process.
-            joints: How many the arm has.
+        Channels have messages of these ``kinds``, and the arm so many joints.
         """
         self._lcm, self._inbox, self._joints = lcm, inbox, joints
         self.zero = 0
@@ -169,10 +163,8 @@ class ControlLoop:
     def __init__(self, scenario: Scenario, lcm: DrakeLcm, connect: Connect | None = None) -> None:
         """Builds the pipeline, and waits for the processes of perception to be there.
 
-        Args:
-            scenario: What to run; of its object and motion nothing is used.
-            lcm: The bus that the drivers are on.
-            connect: Adds systems and logs, see `make_dynamic_grasp`.
+        Of the scenario's object and motion nothing is used; the drivers are on the bus ``lcm``;
+        ``connect`` is that of `make_dynamic_grasp`.
 
         Raises:
             WorkerError: One of them does not start.
@@ -193,13 +185,10 @@ class ControlLoop:
         self._first: int | None = None
 
     def step(self, timeout: float) -> None:
-        """Waits for the next status message, and answers it, and all that have come meanwhile.
+        """Waits for a status message, at most ``timeout`` [s]; answers all that have come by then.
 
         The first ones are only listened to: then the driver takes commands, and the pipeline starts
         at the measured position.
-
-        Args:
-            timeout: How long to wait at most [s].
 
         Raises:
             HardwareError: None came, or the driver's clock was set.

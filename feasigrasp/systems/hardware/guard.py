@@ -1,7 +1,5 @@
 """Command guard process: outlives the controller, and brakes on its timeout."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal
@@ -19,7 +17,7 @@ from feasigrasp.errors import HardwareError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.decode import decode
+from feasigrasp.systems.hardware.channels import decode
 from feasigrasp.systems.hardware.guarded_cell import GuardedCell
 from feasigrasp.systems.hardware.priority import Priority, real_time
 
@@ -268,12 +266,9 @@ def refuse_if_commanded(lcm: DrakeLcm) -> None:
 def main(url: str, begun: Callable[[], None], cell: GuardedCell, *, alone: bool = False) -> None:
     """Process of a guard; any signal that ends processes ends it as soon as its arm rests.
 
-    Args:
-        url: Where driver and controller are.
-        begun: Called when it serves.
-        cell: The arm's speed, and what it is kept clear of.
-        alone: Whether no controller has started it: then it serves one after the other, and Ctrl-C
-            is meant for it. Else it leaves the terminal, whose signals are the controller's.
+    It calls ``begun`` when it serves. If it is ``alone``, no controller has started it: then it
+    serves one after the other, and Ctrl-C is meant for it. Else it leaves the terminal, whose
+    signals are the controller's.
 
     Raises:
         HardwareError: Somebody commands the arm already.
@@ -309,9 +304,7 @@ def _brake(url: str, cell: GuardedCell, alone: bool) -> None:
 def end_at_signals(end: Callable[..., None], *, alone: bool) -> None:
     """Lets every signal that would end the process call a function that ends it in order.
 
-    Args:
-        end: The function.
-        alone: Whether Ctrl-C is for this process; otherwise it is for the one that started it.
+    Unless it is ``alone``, Ctrl-C is for the process that has started it.
     """
     for number in signal.valid_signals() - {getattr(signal, f"SIG{n}", 0) for n in _USUAL}:
         signal.signal(number, end)

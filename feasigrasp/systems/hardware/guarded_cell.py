@@ -1,7 +1,5 @@
 """What a guard keeps the arm clear of: itself, its hand, and the cell."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from feasigrasp.models.control.safety.command_guard import CommandGuard
@@ -12,17 +10,14 @@ from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.from_scenario import make_static_grid
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.stages.static_obstacles import make_static_grid
 
 
 class GuardedCell(NamedTuple):
-    """Clearances of a guard, in a form that goes to another process.
+    """Clearances of a guard, and the arm's speed, in a form that goes to another process.
 
-    Attributes:
-        options: Clearances, and the arm's speed.
-        gripper: The hand.
-        obstacles: Distances to the bodies of the cell, in the frame of the arm's base.
+    The ``obstacles`` are distances to the bodies of the cell, in the frame of the arm's base.
     """
 
     options: SafetyOptions

@@ -1,7 +1,5 @@
 """Real-time priority of time-critical processes."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -22,15 +20,11 @@ class Priority(IntEnum):
 
 @contextmanager
 def real_time(priority: Priority, *, main: bool = True) -> Iterator[None]:
-    """Context with real-time priority for the threads of this process.
+    """Context with real-time priority for the threads of this process, the ``main`` one or not.
 
     For those that there are: the one in which a message bus receives begins with the first
     subscription. What they start themselves, such as a process that perceives, has no priority.
     Where it is not granted, nothing changes.
-
-    Args:
-        priority: What is asked for.
-        main: Whether the main thread is one of them.
     """
     threads = {thread.id for thread in psutil.Process().threads()}
     before = {}

@@ -1,7 +1,5 @@
 """Simulated cell behind driver messages."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np
@@ -37,12 +35,8 @@ from pydrake.systems.primitives import (
     StateInterpolatorWithDiscreteDerivative,
 )
 
-from feasigrasp.models.grasps.sequence import (
-    GraspSequenceConfig,
-    Phase,
-    has_closed,
-    pressing_since,
-)
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase, has_closed, pressing_since
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.gripper_file import load_gripper
@@ -53,10 +47,9 @@ from feasigrasp.systems.from_scenario import make_station
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.channels import IIWA_PERIOD
-from feasigrasp.systems.hardware.images import publish_images
-from feasigrasp.systems.hardware.object_pose import ObjectPoseSender
+from feasigrasp.systems.hardware.measurements import ObjectPoseSender, publish_images
 from feasigrasp.systems.pipeline import Cell, add_judges
-from feasigrasp.systems.ports import weakly
+from feasigrasp.systems.ports import declare_output, weakly
 from feasigrasp.systems.station.camera import calibration_error
 from feasigrasp.systems.station.station import Station
 
@@ -67,12 +60,8 @@ class SimulatedIiwaDriver(LeafSystem):
     .. pydrake_system::
 
         name: SimulatedIiwaDriver
-        input_ports:
-        - position
-        - torque_external
-        output_ports:
-        - position
-        - stopped
+        input_ports: [position, torque_external]
+        output_ports: [position, stopped]
 
     ``position`` is V7 [rad], for each joint of the arm, clamped to the driver's limits and kept for
     ever; ``torque_external`` is V7 [Nm]. Where that exceeds a joint's threshold the driver stops:
@@ -111,13 +100,8 @@ class Handover(LeafSystem):
     .. pydrake_system::
 
         name: Handover
-        input_ports:
-        - target
-        - gripper_state
-        output_ports:
-        - gripper_position
-        - object_hold
-        - phase
+        input_ports: [target, gripper_state]
+        output_ports: [gripper_position, object_hold, phase]
 
     ``target`` is the commanded distance between the pads [m], ``gripper_state`` the measured one
     and its rate. The phases follow from the gripper alone: it closes, and if something is between
@@ -143,14 +127,16 @@ class Handover(LeafSystem):
         state = self.DeclareDiscreteState([0.0, 0.0, np.nan, np.nan])
         self.DeclarePeriodicDiscreteUpdateEvent(self.PERIOD, 0.0, weakly(self._update))
         ticket = {self.discrete_state_ticket(state)}
-        self.DeclareVectorOutputPort(
-            "gripper_position", 1, weakly(self._calc_gripper), {self._target.ticket()}
+        declare_output(
+            self, "gripper_position", self._calc_gripper, {self._target.ticket()}, size=1
         )
-        self.DeclareVectorOutputPort("object_hold", 1, weakly(self._calc_hold), ticket)
-        self.DeclareVectorOutputPort("phase", 1, weakly(self._calc_phase), ticket)
+        declare_output(
+            self, "object_hold", lambda context: np.isnan(_kept(context)[3]), ticket, size=1
+        )
+        declare_output(self, "phase", lambda context: _kept(context)[0], ticket, size=1)
 
     def _update(self, context: Context, state) -> EventStatus:
-        phase, since, pressing, asked = context.get_discrete_state(0).value()
+        phase, since, pressing, asked = _kept(context)
         t, config = context.get_time(), self._config
         elapsed = t - since
         width, rate = self._measured.Eval(context)
@@ -181,15 +167,14 @@ class Handover(LeafSystem):
         state.get_mutable_vector().SetFromVector(kept)
         return EventStatus.Succeeded()
 
-    def _calc_gripper(self, context: Context, output) -> None:
+    def _calc_gripper(self, context: Context) -> float:
         opening = self._target.Eval(context)[0]
-        output.SetAtIndex(0, opening if opening > self._OPEN else GripperSequencer.CLOSED)
+        return opening if opening > self._OPEN else GripperSequencer.CLOSED
 
-    def _calc_hold(self, context: Context, output) -> None:
-        output.SetAtIndex(0, float(np.isnan(context.get_discrete_state(0).value()[3])))
 
-    def _calc_phase(self, context: Context, output) -> None:
-        output.SetAtIndex(0, context.get_discrete_state(0).value()[0])
+def _kept(context: Context) -> Array:
+    """The state of a `Handover`."""
+    return context.get_discrete_state(0).value()
 
 
 def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:

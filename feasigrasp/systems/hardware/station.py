@@ -1,7 +1,5 @@
 """The station's ports on top of driver messages."""
 
-from __future__ import annotations
-
 from drake import (
     lcmt_iiwa_command,
     lcmt_iiwa_status,
@@ -20,11 +18,7 @@ from pydrake.manipulation import (
 )
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.perception import DepthImageToPointCloud
-from pydrake.systems.framework import (
-    DiagramBuilder,
-    OutputPort,
-    TriggerType,
-)
+from pydrake.systems.framework import DiagramBuilder, OutputPort, TriggerType
 from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import Demultiplexer, Saturation
 from pydrake.systems.sensors import CameraConfig, PixelType
@@ -35,13 +29,11 @@ from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import station_config
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.images import RgbdReceiver
-from feasigrasp.systems.hardware.object_pose import ObjectPoseReceiver
+from feasigrasp.systems.hardware.measurements import ObjectPoseReceiver, RgbdReceiver
 from feasigrasp.systems.station.arm_ports import ArmPorts
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_models import add_cell
-from feasigrasp.systems.station.exposures import CameraPose
-from feasigrasp.systems.station.pose_at import PositionAt
+from feasigrasp.systems.station.exposures import CameraPose, PositionAt
 
 
 class HardwareStation(ArmPorts):
@@ -50,24 +42,11 @@ class HardwareStation(ArmPorts):
     .. pydrake_system::
 
         name: HardwareStation
-        input_ports:
-        - arm.desired_state
-        - gripper.position
-        output_ports:
-        - arm.position_measured
-        - arm.velocity_estimated
-        - arm.torque_external
-        - gripper.state_measured
-        - object.pose
-        - object.stamp
-        - <camera>.point_cloud
-        - <camera>.depth_image
-        - <camera>.label_image
-        - <camera>.pose
-        - <camera>.pose_now
-        - <camera>.position
-        - <camera>.gripper_state
-        - <camera>.stamp
+        input_ports: [arm.desired_state, gripper.position]
+        output_ports: [arm.position_measured, arm.velocity_estimated, arm.torque_external,
+          gripper.state_measured, object.pose, object.stamp, <camera>.point_cloud,
+          <camera>.depth_image, <camera>.label_image, <camera>.pose, <camera>.pose_now,
+          <camera>.position, <camera>.gripper_state, <camera>.stamp]
 
     Of ``arm.desired_state`` (V14) the positions are sent, and nothing else: to the guard, which
     commands the arm. ``arm.velocity_estimated`` V7 [rad/s] and ``arm.torque_external`` V7 [Nm]
@@ -88,12 +67,9 @@ class HardwareStation(ArmPorts):
     object_label = channels.MaskLabel.OBJECT
 
     def __init__(self, scenario: Scenario, inbox: DrakeLcm, outbox: DrakeLcm) -> None:
-        """The cell of a scenario, behind two message buses.
+        """The cell of a scenario, whose object is not looked at, behind two message buses.
 
-        Args:
-            scenario: What stands in the cell, cameras included; its object is not looked at.
-            inbox: Where messages come from.
-            outbox: Where they go to.
+        Messages come from ``inbox`` and go to ``outbox``.
 
         Raises:
             ScenarioError: A camera is mounted neither on the arm nor in the world.

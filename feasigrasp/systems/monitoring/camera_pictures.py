@@ -1,7 +1,5 @@
 """Stores camera images with the segmented object as small pictures."""
 
-from __future__ import annotations
-
 import io
 from typing import NamedTuple
 
@@ -19,45 +17,33 @@ TINT, TINT_SHARE = np.array([255.0, 140.0, 0.0]), 0.45
 
 
 class Picture(NamedTuple):
-    """A stored picture.
-
-    Attributes:
-        time: When it was taken [s].
-        jpeg: The file's bytes.
-    """
+    """A stored picture: when it was taken [s], and the bytes of its JPEG."""
 
     time: float
     jpeg: bytes
 
 
 class CameraPictures(LeafSystem):
-    """Takes a picture every period.
+    """Takes four pictures a second.
 
     .. pydrake_system::
 
         name: CameraPictures
-        input_ports:
-        - color_image
-        - label_image
+        input_ports: [color_image, label_image]
 
     The pixels of one label are tinted: they are what perception takes for the object. A black image
     is left out: it is what a camera delivers before its first one.
     """
 
-    def __init__(self, label: int, *, period: float = 0.25) -> None:
-        """Starts without pictures.
-
-        Args:
-            label: Label of the object.
-            period: Time between pictures [s].
-        """
+    def __init__(self, label: int) -> None:
+        """Takes pictures with the object of that label."""
         super().__init__()
         self._label = label
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
         self._labels = declare_input(self, "label_image", ImageLabel16I(1, 1))
         self.pictures: list[Picture] = []
         self.DeclareInitializationPublishEvent(weakly(self._clear))
-        self.DeclarePeriodicPublishEvent(period, 0.0, weakly(self._take))
+        self.DeclarePeriodicPublishEvent(0.25, 0.0, weakly(self._take))
 
     def _clear(self, context: Context) -> EventStatus:
         self.pictures.clear()
@@ -75,10 +61,7 @@ class CameraPictures(LeafSystem):
 def jpeg(color: NDArray[np.uint8], mask: Mask, width: int = 240) -> bytes:
     """A small picture with tinted pixels, as the bytes of a JPEG.
 
-    Args:
-        color: Shape (h, w, 3).
-        mask: What to tint, shape (h, w).
-        width: Of the picture, at most [px].
+    Colors (h, w, 3) are tinted where the mask (h, w) is; the width is at most ``width`` [px].
     """
     quality = 60
     tinted = color.astype(float)

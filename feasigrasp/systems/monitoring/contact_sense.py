@@ -1,15 +1,14 @@
 """Detects unexpected contact by the arm's external joint torques."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.planning.touch import touch_state, touch_step_kernel
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.systems.ports import weakly
+from feasigrasp.systems.ports import declare_output, weakly
 
 
 class ContactSense(LeafSystem):
@@ -18,12 +17,8 @@ class ContactSense(LeafSystem):
     .. pydrake_system::
 
         name: ContactSense
-        input_ports:
-        - torque_external
-        - phase
-        output_ports:
-        - touch
-        - touches
+        input_ports: [torque_external, phase]
+        output_ports: [touch, touches]
 
     ``torque_external`` is V7 [Nm], ``phase`` a `Phase`. ``touch`` is V7, the torques of the contact
     that the arm should give way to [Nm], zero without one; ``touches`` is how often there was one.
@@ -39,9 +34,9 @@ class ContactSense(LeafSystem):
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self.DeclareDiscreteState(begin)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._update))
-        state = {self.xd_ticket()}
-        self.DeclareVectorOutputPort("touch", arm.joints, weakly(self._calc_touch), state)
-        self.DeclareVectorOutputPort("touches", 1, weakly(self._calc_touches), state)
+        state, n = {self.xd_ticket()}, arm.joints
+        declare_output(self, "touch", lambda context: _state(context)[n : 2 * n], state, size=n)
+        declare_output(self, "touches", lambda context: _state(context)[2 * n + 1], state, size=1)
         self._update_state(begin, np.zeros(arm.joints))  # compiles
 
     def _update_state(self, state, torque):
@@ -50,7 +45,7 @@ class ContactSense(LeafSystem):
         return after
 
     def _update(self, context: Context, discrete) -> EventStatus:
-        state = context.get_discrete_state_vector().value()
+        state = _state(context)
         if self._phase.Eval(context)[0] != Phase.APPROACH:
             after = state.copy()
             after[: 2 * self._arm.joints + 1] = 0.0
@@ -59,10 +54,6 @@ class ContactSense(LeafSystem):
         discrete.set_value(after)
         return EventStatus.Succeeded()
 
-    def _calc_touch(self, context: Context, output) -> None:
-        state = context.get_discrete_state_vector().value()
-        output.SetFromVector(state[self._arm.joints : 2 * self._arm.joints])
 
-    def _calc_touches(self, context: Context, output) -> None:
-        state = context.get_discrete_state_vector().value()
-        output.SetAtIndex(0, state[2 * self._arm.joints + 1])
+def _state(context: Context) -> Array:
+    return context.get_discrete_state_vector().value()

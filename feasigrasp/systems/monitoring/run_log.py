@@ -1,7 +1,5 @@
 """Logs arm, object and grasp at the control rate."""
 
-from __future__ import annotations
-
 from math import prod
 
 import numpy as np
@@ -14,7 +12,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.dynamic_grasp import Subsystems
-from feasigrasp.systems.ports import declare_input, optional, weakly
+from feasigrasp.systems.ports import declare_input, declare_output, optional
 from feasigrasp.systems.station.station import Station
 
 
@@ -44,20 +42,9 @@ class RunLog(LeafSystem):
     .. pydrake_system::
 
         name: RunLog
-        input_ports:
-        - position
-        - velocity
-        - commanded_velocity
-        - desired_state
-        - gripper_state
-        - gripper_position
-        - object_pose
-        - true_pose
-        - phase
-        - grasps
-        - chosen_grasp
-        output_ports:
-        - sample
+        input_ports: [position, velocity, commanded_velocity, desired_state, gripper_state,
+          gripper_position, object_pose, true_pose, phase, grasps, chosen_grasp]
+        output_ports: [sample]
 
     ``position`` V7 [rad] and ``velocity`` V7 [rad/s] are the arm's; ``commanded_velocity`` is the
     controller's, ``desired_state`` the V14 of the drive; ``gripper_state`` V2 is the distance
@@ -84,14 +71,14 @@ class RunLog(LeafSystem):
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._chosen = self.DeclareVectorInputPort("chosen_grasp", _NO_POSE.size)
         size = sum(map(prod, fields(n).values()))
-        self.DeclareVectorOutputPort("sample", size, weakly(self._calc))
+        declare_output(self, "sample", self._calc, size=size)
 
-    def _calc(self, context: Context, output) -> None:
+    def _calc(self, context: Context) -> NDArray[np.float64]:
         *arm, gripper, opening_sent = (port.Eval(context) for port in self._arm)
         poses = (_matrix(port, context) for port in (self._pose, self._true_pose))
         phase = self._phase.Eval(context)
         parts = [*arm, gripper[:1], opening_sent, *poses, phase, self._grasp(context, phase[0])]
-        output.SetFromVector(np.concatenate([np.ravel(part) for part in parts]))
+        return np.concatenate([np.ravel(part) for part in parts])
 
     def _grasp(self, context: Context, phase: float) -> NDArray[np.float64]:
         """The grasp that the hand has committed to, or else goes for; NaN if there is none."""
@@ -110,10 +97,7 @@ def _matrix(port: InputPort, context: Context) -> NDArray[np.float64]:
 def add_run_log(builder: DiagramBuilder, subsystems: Subsystems, period: float = 0.005) -> None:
     """Adds the log of a run to a diagram: a ``connect`` of `make_dynamic_grasp`.
 
-    Args:
-        builder: The builder of the diagram.
-        subsystems: Its systems.
-        period: Time between samples [s]; by default that of the control in packaged scenarios.
+    The period [s] is by default that of the control in packaged scenarios.
     """
     station, tracker, sequencer = subsystems.station, subsystems.tracker, subsystems.sequencer
     log = builder.AddNamedSystem(
@@ -140,11 +124,9 @@ def add_run_log(builder: DiagramBuilder, subsystems: Subsystems, period: float =
 
 
 def read_run_log(diagram: Diagram, context: Context) -> dict[str, NDArray[np.generic]]:
-    """The log of `add_run_log`: ``time`` (n,) [s], and `fields` with n samples each.
+    """The log of `add_run_log` at the end of a run, by the diagram's context then.
 
-    Args:
-        diagram: The diagram.
-        context: Its context, at the end of the run.
+    It has ``time`` (n,) [s], and `fields` with n samples each.
     """
     log = diagram.GetSubsystemByName("log(run)").FindLog(context)
     joints = diagram.GetSubsystemByName("run_log").GetInputPort("position").size()

@@ -27,7 +27,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.scene_field import SceneField
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional, scalar
 
 #: Time between looks at the situation [s]. Source: guessed.
 PERIOD = 0.1
@@ -125,25 +125,10 @@ class StatusMonitor(LeafSystem):
     .. pydrake_system::
 
         name: StatusMonitor
-        input_ports:
-        - position
-        - desired_velocity
-        - object_pose
-        - tracking
-        - perceived
-        - grasps
-        - verdicts
-        - reachable
-        - phase
-        - command_faults
-        - scene
-        - touches
-        - search_target
-        - lapsed
-        - contradicted
-        output_ports:
-        - status
-        - history
+        input_ports: [position, desired_velocity, object_pose, tracking, perceived, grasps,
+          verdicts, reachable, phase, command_faults, scene, touches, search_target, lapsed,
+          contradicted]
+        output_ports: [status, history]
 
     ``position`` and ``desired_velocity`` are V7; ``object_pose`` is the tracked one, ``tracking`` a
     `Tracking`; ``perceived`` a `Perceived`; ``grasps`` what the sampler found; ``verdicts`` what
@@ -162,19 +147,13 @@ class StatusMonitor(LeafSystem):
         gripper: Gripper,
         sequence: GraspSequenceConfig | None = None,
         *,
-        period: float = PERIOD,
         sees_slip: bool = True,
         arm: Arm = IIWA_7,
     ) -> None:
         """A monitor of an arm that carries ``gripper``, which closes as ``sequence`` says.
 
-        Args:
-            gripper: The hand.
-            sequence: When it closes; by default as the configuration's defaults say.
-            period: Time between looks [s].
-            sees_slip: Whether the pose of an object in the hand is measured: a camera on the hand
-                sees too little of it, and two of three slips that it shows are none.
-            arm: The arm.
+        It ``sees_slip`` if the pose of an object in the hand is measured: a camera on the hand sees
+        too little of it, and two of three slips that it shows are none.
         """
         super().__init__()
         self._sees_slip, self._arm = sees_slip, arm
@@ -195,20 +174,18 @@ class StatusMonitor(LeafSystem):
         self._search_target = declare_input(self, "search_target", kind=SearchTarget | None)
         self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
         self._contradicted = declare_input(self, "contradicted", kind=bool)
-        self._reported = PeriodicState(self, _Reported(), period, self._look)
+        self._reported = PeriodicState(self, _Reported(), PERIOD, self._look)
         state = {self._reported.ticket()}
         declare_output(self, "status", self.status, state)
         declare_output(self, "history", lambda context: self._reported.Eval(context).history, state)
 
     def history(self, context: Context) -> tuple[Status, ...]:
         """Every status until now, oldest first."""
-        history: tuple[Status, ...] = self._reported.Eval(context).history
-        return history
+        return self._reported.Eval(context).history
 
     def looks(self, context: Context) -> tuple[Status, ...]:
         """Every status until now with all its details, for a replay: up to ten a second."""
-        looks: tuple[Status, ...] = self._reported.Eval(context).looks
-        return looks
+        return self._reported.Eval(context).looks
 
     def rejected(self, context: Context) -> list[list[Any]]:
         """Until now, ``[time in s, {stage: {reason: rejected grasps}}]``, oldest first."""
@@ -223,7 +200,7 @@ class StatusMonitor(LeafSystem):
         reported: _Reported = self._reported.Eval(context)
         perceived = self._perceived.Eval(context)
         command_faults = int(self._faults.Eval(context)[0])
-        touches = int(self._touches.Eval(context)[0]) if self._touches.HasValue(context) else 0
+        touches = int(scalar(self._touches, context, 0.0))
         grasps: GraspSet = self._grasps.Eval(context)
         reachable: GraspSet = self._reachable.Eval(context)
         verdicts = Counter(map(str, self._verdicts.Eval(context)))
@@ -231,18 +208,17 @@ class StatusMonitor(LeafSystem):
         for reason in (Rejection.HITS_SCENE, Rejection.UNOBSERVED, Rejection.TOO_HEAVY):
             verdicts[str(reason)] += reachable.rejected.get(reason, 0)
         judged = {reason: n for reason, n in verdicts.items() if reason not in _FINE}
-        # What a tracker that says nothing of its pose is taken to mean.
-        phase, tracking = (
-            Phase(int(self._phase.Eval(context)[0])),
-            Tracking(TrackingState.TRACKING, 0.0),
-        )
-        if self._tracking.HasValue(context):
-            tracking = self._tracking.Eval(context)
-        X_OH = self._hand(context)
+        phase, X_OH = Phase(int(self._phase.Eval(context)[0])), self._hand(context)
+        # A tracker that says nothing of its pose is taken to track.
+        tracking = optional(self._tracking, context) or Tracking(TrackingState.TRACKING, 0.0)
         # The last look before the object was let go was at the very time.
         held = reported.X_OH if phase > Phase.CLOSE else X_OH
         in_hand = self._sees_slip and phase > Phase.CLOSE and not tracking.lost
         slipped, turned = _least_error(held[None], X_OH) if in_hand and held is not None else _NONE
+        unmet = ""
+        if X_OH is not None and len(reachable) > 0:
+            measured = tracking.state is TrackingState.TRACKING
+            unmet = unmet_condition(X_OH, reachable, self._sequence, measured=measured)
         code, detail = judge(
             Situation(
                 phase=phase,
@@ -250,7 +226,7 @@ class StatusMonitor(LeafSystem):
                 search_target=optional(self._search_target, context) is not None,
                 contradicted=perceived.contradicted,
                 camera_contradicted=bool(optional(self._contradicted, context)),
-                lapsed=self._lapsed.HasValue(context) and self._lapsed.Eval(context)[0] > 0.0,
+                lapsed=scalar(self._lapsed, context, 0.0) > 0.0,
                 seen=perceived.gpdf is not None,
                 views_dropped=perceived.last_fault,
                 grasps=len(grasps),
@@ -264,14 +240,7 @@ class StatusMonitor(LeafSystem):
                 unobserved=self._unobserved(context),
                 slipped=slipped,
                 turned=turned,
-                unmet=""
-                if X_OH is None or len(reachable) == 0
-                else unmet_condition(
-                    X_OH,
-                    reachable,
-                    self._sequence,
-                    measured=tracking.state is TrackingState.TRACKING,
-                ),
+                unmet=unmet,
             )
         )
         held = X_OH if held is None else held
@@ -289,8 +258,7 @@ class StatusMonitor(LeafSystem):
         if not np.isfinite(X_WO).all():
             return None
         X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG, self._arm)
-        X_OH: Array = inverse_kernel(X_WO) @ X_WH
-        return X_OH
+        return inverse_kernel(X_WO) @ X_WH
 
     def _unobserved(self, context: Context) -> float:
         """Distance of the arm to space that may belong to obstacles but was never seen [m]."""

@@ -1,7 +1,5 @@
 """Proxy of a stage that runs in another process."""
 
-from __future__ import annotations
-
 import weakref
 from collections import deque
 from collections.abc import Callable
@@ -12,7 +10,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, Diagram, EventStatus, LeafSystem, State, System
 
 from feasigrasp.models.arrays import Frozen
-from feasigrasp.systems.ports import declare_output, weakly
+from feasigrasp.systems.ports import declare_output, scalar, weakly
 from feasigrasp.systems.remote.served import Served, inputs_of, is_vector, outputs_of
 from feasigrasp.systems.remote.worker import Worker
 
@@ -35,12 +33,8 @@ class RemoteStage(LeafSystem):
     .. pydrake_system::
 
         name: RemoteStage
-        input_ports:
-        - <port>
-        - stamp
-        output_ports:
-        - <port>
-        - lapsed
+        input_ports: [<port>, stamp]
+        output_ports: [<port>, lapsed]
 
     Every ``period`` the values of the inputs are posted. With a ``latency``, the outputs are there
     at that simulated time after each post: the simulation waits for them, so that a run repeats bit
@@ -61,12 +55,8 @@ class RemoteStage(LeafSystem):
     ) -> None:
         """Starts the process, and builds the stage here as well, for its ports.
 
-        Args:
-            make: Builds the stage; a function that can be imported, with arguments that can be
-                pickled.
-            period: Time between views [s].
-            latency: After which simulated time its results are there [s]; None takes them as they
-                come.
+        Views are ``period`` [s] apart. ``make`` can be imported, and its arguments pickled. Results
+        are there after the simulated time ``latency`` [s]; None takes them as they come.
         """
         super().__init__()
         self.worker = Worker(make)
@@ -83,20 +73,17 @@ class RemoteStage(LeafSystem):
         self._index, tickets = int(index), {self.abstract_state_ticket(index)}
         for port in outputs_of(stage):
             self._declare(port, tickets)
-        self.DeclareVectorOutputPort("lapsed", 1, weakly(self._calc_lapsed), tickets)
+        declare_output(
+            self, "lapsed", lambda context: self._arrived(context).lapsed, tickets, size=1
+        )
         self.DeclarePeriodicPublishEvent(period, 0.0, weakly(self._post))
         if latency is not None:
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, latency, weakly(self._await))
 
     def take(self, context: Context, time: float) -> list[float]:
-        """Takes the arrived results, without waiting.
+        """Takes the results that have arrived at a time [s] into the context, without waiting.
 
-        Args:
-            context: The system's, which is changed.
-            time: Now [s].
-
-        Returns:
-            From their images to now [s], for all results with other grasps or the like than before.
+        Returned is the time from the image to that [s] of every result with other grasps.
         """
         self.worker.end_if_stuck()
         before = arrived = self._arrived(context)
@@ -117,8 +104,7 @@ class RemoteStage(LeafSystem):
         return latencies
 
     def _arrived(self, context: Context) -> _Arrived:
-        found: _Arrived = context.get_abstract_state(self._index).get_value()
-        return found
+        return context.get_abstract_state(self._index).get_value()
 
     def _mirrored(self, port, stage: System):
         if is_vector(port):
@@ -132,21 +118,15 @@ class RemoteStage(LeafSystem):
             return self._arrived(context).outputs[name]
 
         if is_vector(port):
-            self.DeclareVectorOutputPort(
-                name, port.size(), lambda context, out: out.SetFromVector(value(context)), tickets
-            )
+            declare_output(self, name, value, tickets, size=port.size())
         else:
             declare_output(self, name, value, tickets, model=port.Allocate().get_value())
 
-    def _calc_lapsed(self, context: Context, output) -> None:
-        output.SetAtIndex(0, float(self._arrived(context).lapsed))
-
     def _post(self, context: Context) -> EventStatus:
-        time = stamp = context.get_time()
-        if self._stamp.HasValue(context):
-            stamp = float(self._stamp.Eval(context)[0])
-            if not stamp > self._last_stamp:  # NaN is not, either
-                return EventStatus.DidNothing()
+        time = context.get_time()
+        stamp = scalar(self._stamp, context, time)
+        if self._stamp.HasValue(context) and not stamp > self._last_stamp:  # NaN is not, either
+            return EventStatus.DidNothing()
         if self._latency is None and self.worker.busy:
             return EventStatus.DidNothing()
         self._last_stamp = stamp

@@ -1,7 +1,5 @@
 """A worker process, and the thread that communicates with it."""
 
-from __future__ import annotations
-
 import multiprocessing
 import queue
 import subprocess
@@ -15,7 +13,7 @@ from typing import Any
 from pydrake.systems.framework import System
 
 from feasigrasp.errors import WorkerError
-from feasigrasp.systems.remote.packing import packed, unpacked
+from feasigrasp.systems.remote.served import packed, unpacked
 
 #: A worker that takes longer hangs: to start and compile, and for one piece of work [s]. Source:
 #: guessed.
@@ -39,11 +37,7 @@ class Worker:
     """
 
     def __init__(self, make: Callable[[], System]) -> None:
-        """Starts the process.
-
-        Args:
-            make: Builds the stage, over there; travels by its name.
-        """
+        """Starts the process; ``make``, which travels by its name, builds the stage there."""
         self.ready = threading.Event()
         self._make = make
         self._state: bytes | None = None
@@ -104,7 +98,8 @@ class Worker:
         """
         deadline = time.monotonic() + START_PATIENCE
         while not self.ready.wait(0.1):
-            if self._has_ended() or time.monotonic() > deadline:
+            ended = self._process is not None and self._process.poll() is not None
+            if ended or time.monotonic() > deadline:
                 raise WorkerError("the process that perception runs in does not start")
 
     def end_if_stuck(self) -> None:
@@ -118,21 +113,15 @@ class Worker:
         """Ends the process."""
         self._closed = True
         self._requests.put(None)
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
+        self._kill()
 
-    def _end(self, connection: Connection) -> None:
-        connection.close()
+    def _kill(self) -> None:
         if self._process is not None:
             self._process.kill()
             self._process.wait()
 
     def _answered(self) -> None:
         self._waiting, self._since = self._waiting - 1, time.monotonic()
-
-    def _has_ended(self) -> bool:
-        return self._process is not None and self._process.poll() is not None
 
     def _talk(self) -> None:
         """Puts every request to the process, and what it answers among the answers."""
@@ -143,7 +132,8 @@ class Worker:
                 answer, state = unpacked(connection.recv_bytes())
             except (EOFError, OSError):
                 self.ready.clear()
-                self._end(connection)
+                connection.close()
+                self._kill()
                 self._answers.put(None)
                 if not self._closed:
                     connection = self._started()

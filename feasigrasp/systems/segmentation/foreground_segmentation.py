@@ -1,22 +1,34 @@
-"""Segments the object in a depth image, without a label image."""
+"""Segments the object in camera images: by their depth alone, or by a mask function."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 
+from feasigrasp.errors import CameraError, ScenarioError
+from feasigrasp.models.arrays import Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.segmentation.foreground import CameraView, Known, Label, segment
 from feasigrasp.models.segmentation.modeled_bodies import Kind, ModeledBodies, in_color_gate
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, evaluate
+from feasigrasp.systems.ports import (
+    PeriodicState,
+    declare_input,
+    declare_output,
+    evaluate,
+    scalar,
+    to_value,
+    weakly,
+)
 
 
 class ForegroundSegmentation(LeafSystem):
@@ -25,20 +37,9 @@ class ForegroundSegmentation(LeafSystem):
     .. pydrake_system::
 
         name: ForegroundSegmentation
-        input_ports:
-        - point_cloud
-        - image_time
-        - camera_pose
-        - position
-        - gripper_state
-        - object_pose
-        - tracking
-        - gpdf
-        - color_image
-        - depth_image
-        output_ports:
-        - label_image
-        - contradicted
+        input_ports: [point_cloud, image_time, camera_pose, position, gripper_state, object_pose,
+          tracking, gpdf, color_image, depth_image]
+        output_ports: [label_image, contradicted]
 
     ``point_cloud`` is pixel-ordered and in the world frame W, taken at ``image_time`` (V1) [s], NaN
     before the first image; without a time it is taken when it is read. Of the same instant are
@@ -60,13 +61,10 @@ class ForegroundSegmentation(LeafSystem):
         *,
         period: float = TrackerConfig.image_period,
     ) -> None:
-        """A segmentation of the images of a camera.
+        """A segmentation of the images of a camera, by what is known of robot and cell.
 
-        Args:
-            camera: The camera.
-            bodies: What is known of robot and cell.
-            carrier_hue: Hue of what carries the object [deg]; None without a color gate.
-            period: Time between looks for the first image [s].
+        The hue of the carrier [deg] is None without a color gate. Until the first image it looks
+        every ``period`` seconds.
         """
         super().__init__()
         self._camera, self._bodies, self._carrier_hue = camera, bodies, carrier_hue
@@ -122,8 +120,7 @@ class ForegroundSegmentation(LeafSystem):
 
     def _time(self, context: Context) -> float:
         """When the image was taken [s]; NaN before the first."""
-        stamped = self._image_time.HasValue(context)
-        return float(self._image_time.Eval(context)[0] if stamped else context.get_time())
+        return scalar(self._image_time, context, context.get_time())
 
     def _calc(self, context: Context) -> ImageLabel16I:
         time, first = self._first.Eval(context)
@@ -155,3 +152,106 @@ def _compile(camera: Camera, bodies: ModeledBodies) -> None:
     view, q = CameraView(points, np.eye(4)), bodies.arm.home
     kinds = bodies.kinds(view.points, view.X_WC, q, 0.0, camera.depth_noise)
     segment(view, Known(), kinds, bodies.hand(q), camera)
+
+
+#: Which pixels show the object, shape (height, width): from the colors (height, width, 3) as
+#: uint8, the depths (height, width) [m], infinite where nothing was measured, and the time when the
+#: image was taken [s].
+MaskFn = Callable[[NDArray[np.uint8], NDArray[np.float32], float], Mask]
+
+
+class MaskSegmentation(LeafSystem):
+    """Labels the pixels of a camera: the object by a mask function, the robot by its joints.
+
+    .. pydrake_system::
+
+        name: MaskSegmentation
+        input_ports: [point_cloud, image_time, camera_pose, position, gripper_state, color_image]
+        output_ports: [label_image]
+
+    The ports are those of the same name of `ForegroundSegmentation`, whose place it takes.
+    ``label_image`` holds a `Label` for each pixel: `Label.OBJECT` where the mask is true and the
+    pixel shows nothing of the robot. Before the first image nothing is the object.
+    """
+
+    def __init__(self, mask: MaskFn, camera: Camera, bodies: ModeledBodies) -> None:
+        """A segmentation of the images of a camera.
+
+        Args:
+            mask: The function. It is called once for each image that is looked at, in the order of
+                time. It must not change the arrays that it is given.
+            camera: The camera.
+            bodies: The robot and its cell.
+
+        Raises:
+            ScenarioError: The mask cannot be called; later, a `CameraError` if what it returns is
+                no mask of the image.
+        """
+        super().__init__()
+        if not callable(mask):
+            raise ScenarioError(
+                f"the segmentation is a {type(mask).__name__}; give a callable (color, depth, time)"
+                " -> mask"
+            )
+        self._mask, self._camera, self._bodies = mask, camera, bodies
+        self._cloud = declare_input(self, "point_cloud", PointCloud())
+        self._image_time = self.DeclareVectorInputPort("image_time", 1)
+        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
+        self._position = self.DeclareVectorInputPort("position", bodies.arm.joints)
+        self._gripper = self.DeclareVectorInputPort("gripper_state", 2)
+        self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
+        # Time and labels of the last image: each is masked once, whoever reads it and when.
+        last = ValueProducer(to_value((np.nan, None)).Clone, weakly(self._look))
+        self._last = self.DeclareCacheEntry("labels of the last image", last).cache_index()
+        declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))
+
+    def _calc(self, context: Context) -> ImageLabel16I:
+        return self.get_cache_entry(self._last).Eval(context)[1]
+
+    def _look(self, context: Context, last: AbstractValue) -> None:
+        time = scalar(self._image_time, context, context.get_time())
+        if time != last.get_value()[0]:  # nor is NaN, before the first image
+            last.set_value((time, self._labels(context, time)))
+
+    def _labels(self, context: Context, time: float) -> ImageLabel16I:
+        camera, shape = self._camera, (self._camera.height, self._camera.width)
+        points = self._cloud.Eval(context).xyzs().T
+        color = self._color.Eval(context).data[:, :, :3]
+        if (len(points), color.shape[:2]) != (camera.width * camera.height, shape):
+            raise CameraError(
+                f"MaskSegmentation: {len(points)} points and an image of {color.shape[1]} x "
+                f"{color.shape[0]} pixels, but the camera has {camera.width} x {camera.height}"
+            )
+        X_WC = self._camera_pose.Eval(context).GetAsMatrix4()
+        q, opening = self._position.Eval(context), float(self._gripper.Eval(context)[0])
+        kinds = self._bodies.kinds(points, X_WC, q, opening, camera.depth_noise).reshape(shape)
+        seen = kinds != Kind.UNOBSERVED
+        depth = np.full(shape, np.inf, dtype=np.float32)
+        depth[seen] = (points[seen.ravel()] - X_WC[:3, 3]) @ X_WC[:3, 2]
+        mask = np.zeros(shape, dtype=bool)
+        if np.isfinite(time):
+            mask = checked_mask(self._mask(color, depth, time), shape, self._mask)
+        labels = np.where(mask, np.int16(Label.OBJECT), np.int16(Label.SURROUNDINGS))
+        labels[kinds == Kind.ROBOT] = Label.ROBOT
+        image = ImageLabel16I(camera.width, camera.height)
+        image.mutable_data[:, :, 0] = labels
+        return image
+
+
+def checked_mask(mask: Any, shape: tuple[int, int], made_by: Any) -> Mask:
+    """The result of a mask function, checked for type and shape.
+
+    Raises:
+        CameraError: It is none.
+    """
+    if isinstance(mask, np.ndarray) and mask.shape == shape and mask.dtype == bool:
+        return mask
+    what = type(mask).__name__
+    if isinstance(mask, np.ndarray):
+        what = f"an array of {mask.dtype} of shape {mask.shape}"
+    named = made_by if hasattr(made_by, "__qualname__") else type(made_by)
+    raise CameraError(
+        f"the segmentation {named.__module__}.{named.__qualname__} returned {what}; have it "
+        f"return a bool array of shape {shape}, height and width of the image, true where the "
+        "object is"
+    )

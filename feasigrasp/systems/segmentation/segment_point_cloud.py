@@ -1,7 +1,5 @@
 """Selects the pixels of one body in an organized point cloud."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 import numpy as np
@@ -34,13 +32,8 @@ class SegmentPointCloud(LeafSystem):
     .. pydrake_system::
 
         name: SegmentPointCloud
-        input_ports:
-        - point_cloud
-        - label_image
-        - depth_image
-        output_ports:
-        - point_cloud
-        - outline
+        input_ports: [point_cloud, label_image, depth_image]
+        output_ports: [point_cloud, outline]
 
     ``point_cloud`` is pixel-ordered as ``DepthImageToPointCloud`` makes it, infinite where the
     camera saw nothing; ``label_image`` holds the label of the body in each pixel. The output keeps
@@ -87,17 +80,13 @@ class SegmentPointCloud(LeafSystem):
         self._segmented = declare_cache(self, "segmented", self._calc, inputs)
         segmented = {self._segmented.ticket()}
         declare_output(self, "point_cloud", self._calc_cloud, segmented, model=PointCloud())
-        declare_output(self, "outline", self._calc_outline, segmented)
+        declare_output(self, "outline", lambda context: self._segmented.Eval(context)[1], segmented)
 
     def _calc_cloud(self, context: Context) -> PointCloud:
         chosen, _ = self._segmented.Eval(context)
         cloud = PointCloud(chosen.shape[1])
         cloud.mutable_xyzs()[:] = chosen
         return cloud
-
-    def _calc_outline(self, context: Context) -> Outline | None:
-        found: Outline | None = self._segmented.Eval(context)[1]
-        return found
 
     def _calc(self, context: Context) -> tuple[NDArray[np.floating], Outline | None]:
         """Points of the body, shape (3, n) [m], and its outline."""

@@ -1,7 +1,5 @@
 """Makes reachability filter, controller and drive of a scenario."""
 
-from __future__ import annotations
-
 from typing import cast
 
 from pydrake.systems.framework import LeafSystem

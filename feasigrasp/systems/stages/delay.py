@@ -1,26 +1,18 @@
 """Delays values by a latency."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Frozen
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, weakly
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, scalar
 
 
 @dataclass(frozen=True, eq=False)
 class _Post(Frozen):
-    """What is on its way.
-
-    Attributes:
-        arrived: What has arrived last.
-        sent: The others and when they arrive [s], oldest first.
-        newest: What was sent last.
-    """
+    """What has arrived last, the others and when they arrive [s], and what was sent last."""
 
     arrived: Any
     sent: tuple[tuple[float, Any], ...] = ()
@@ -33,11 +25,8 @@ class Delay(LeafSystem):
     .. pydrake_system::
 
         name: Delay
-        input_ports:
-        - u
-        - stamp
-        output_ports:
-        - y
+        input_ports: [u, stamp]
+        output_ports: [y]
 
     ``u`` and ``y`` are Python objects, or vectors. The input is looked at every ``period`` seconds,
     and what has changed since the last time was made then: values come on time if they are made at
@@ -55,20 +44,20 @@ class Delay(LeafSystem):
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
         if isinstance(initial, np.ndarray):
             self._input = self.DeclareVectorInputPort("u", len(initial))
-            self.DeclareVectorOutputPort("y", len(initial), weakly(self._calc_vector), depends)
+            declare_output(self, "y", self._arrived, depends, size=len(initial))
         else:
             self._input = declare_input(self, "u")
-            declare_output(self, "y", lambda context: self._post.Eval(context).arrived, depends)
+            declare_output(self, "y", self._arrived, depends)
 
-    def _calc_vector(self, context: Context, y: BasicVector) -> None:
-        y.SetFromVector(self._post.Eval(context).arrived)
+    def _arrived(self, context: Context) -> Any:
+        return self._post.Eval(context).arrived
 
     def _deliver(self, context: Context) -> _Post:
         post, value, time = self._post.Eval(context), self._input.Eval(context), context.get_time()
         sent = post.sent
         if not _same(value, post.newest):
             made = max(0.0, time - self._period) if self._latency > 0.0 else time
-            stamp = self._stamp.Eval(context)[0] if self._stamp.HasValue(context) else made
+            stamp = scalar(self._stamp, context, made)
             sent = (*sent, ((stamp if np.isfinite(stamp) else made) + self._latency, value))
         due = [each for at, each in sent if at <= time + 1e-9]
         return _Post(due[-1] if due else post.arrived, sent[len(due) :], value)

@@ -1,7 +1,5 @@
 """Fault injection between two systems of a diagram."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -40,11 +38,8 @@ class FaultySignal(LeafSystem):
     .. pydrake_system::
 
         name: FaultySignal
-        input_ports:
-        - <signal>
-        - <what the fault depends on>
-        output_ports:
-        - <signal>
+        input_ports: [<signal>, <what the fault depends on>]
+        output_ports: [<signal>]
 
     What is random depends on seed and time only.
     """
@@ -52,21 +47,18 @@ class FaultySignal(LeafSystem):
     def __init__(
         self, fault: Fault, models: Mapping[str, Any], change: Callable[..., Any], seed: int = 0
     ) -> None:
-        """A fault of a signal.
+        """A fault of a signal, for the time that ``fault`` says.
 
-        Args:
-            fault: Says when it is there.
-            models: Values of the types of the inputs by name, the signal first; an array is a
-                vector.
-            change: Makes the faulty value, from the values of the inputs and what is random.
-            seed: Of the latter.
+        The models are values of the types of the inputs by name, the signal first; an array is a
+        vector. ``change`` makes the faulty value from the values of the inputs and a generator of
+        that seed.
         """
         super().__init__()
         self._fault, self._change, self._seed = fault, change, seed
         (signal, model), *_ = models.items()
         if isinstance(model, np.ndarray):
             self._inputs = [self.DeclareVectorInputPort(signal, len(model))]
-            self.DeclareVectorOutputPort(signal, len(model), weakly(self._calc_vector))
+            declare_output(self, signal, self._calc, size=len(model))
         else:
             self._inputs = [declare_input(self, name, like) for name, like in models.items()]
             declare_output(self, signal, self._calc, model=model)
@@ -76,9 +68,6 @@ class FaultySignal(LeafSystem):
             return self._inputs[0].Eval(context)
         values = (port.Eval(context) for port in self._inputs)
         return self._change(*values, _rng(self._seed, context))
-
-    def _calc_vector(self, context: Context, output) -> None:
-        output.SetFromVector(self._calc(context))
 
 
 def faulty_cloud(fault: CloudFault, label: int, seed: int = 0) -> FaultySignal:
@@ -120,10 +109,8 @@ class FaultyDepth(LeafSystem):
     .. pydrake_system::
 
         name: FaultyDepth
-        input_ports:
-        - depth_image
-        output_ports:
-        - depth_image
+        input_ports: [depth_image]
+        output_ports: [depth_image]
     """
 
     def __init__(self, fault: DepthFault, period: float) -> None:
@@ -159,10 +146,8 @@ class FaultyPose(LeafSystem):
     .. pydrake_system::
 
         name: FaultyPose
-        input_ports:
-        - pose
-        output_ports:
-        - pose
+        input_ports: [pose]
+        output_ports: [pose]
 
     Both are ``RigidTransform`` X_WO. Earlier poses, which a fault may need, are remembered at the
     rate of the measurement. What is random depends on seed and time only.
@@ -198,13 +183,7 @@ class FaultyPose(LeafSystem):
 
 @dataclass(frozen=True, eq=False)
 class _Post(Frozen):
-    """What is on its way while the fault is there.
-
-    Attributes:
-        late: Whether the fault is there.
-        arrived: The field that has arrived last.
-        sent: Those on their way and when they were sent, oldest first.
-    """
+    """While the fault is there, the field that has arrived last, and when later ones were sent."""
 
     late: bool = False
     arrived: Gpdf | None = None
@@ -217,10 +196,8 @@ class LateField(LeafSystem):
     .. pydrake_system::
 
         name: LateField
-        input_ports:
-        - gpdf
-        output_ports:
-        - gpdf
+        input_ports: [gpdf]
+        output_ports: [gpdf]
 
     Both are a `Gpdf` or None. What had come before the fault stays known; what is on its way when
     the fault ends has come by then. The delay is rounded up to ``period``.
@@ -249,8 +226,7 @@ class LateField(LeafSystem):
 
     def _calc(self, context: Context) -> Gpdf | None:
         post: _Post = self._post.Eval(context)
-        gpdf: Gpdf | None = post.arrived if post.late else evaluate(self._input, context)
-        return gpdf
+        return post.arrived if post.late else evaluate(self._input, context)
 
 
 def fail_solver(controller: GraspController, fault: SolverFailure) -> None:

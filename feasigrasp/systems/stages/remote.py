@@ -1,7 +1,5 @@
 """Perception and planning stages in separate processes: construction and proxies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """Ports of a station by their former names ``iiwa.*``, for one release."""
 
-from __future__ import annotations
-
 import warnings
 
 from pydrake.systems.framework import Diagram, InputPort, OutputPort

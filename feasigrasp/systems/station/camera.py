@@ -1,7 +1,5 @@
 """A depth camera of the station: renderer, sensor noise, point cloud, ports."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +26,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.sensors.camera_errors import MATERIALS, CameraErrors
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
-from feasigrasp.systems.ports import declare_input, declare_output, weakly
+from feasigrasp.systems.ports import declare_input, declare_output, scalar, weakly
 from feasigrasp.systems.station.exposures import CameraPose, FirstImage
 
 
@@ -38,14 +36,8 @@ class NoisyDepth(LeafSystem):
     .. pydrake_system::
 
         name: NoisyDepth
-        input_ports:
-        - depth_image
-        - label_image
-        - camera_pose
-        - object_pose
-        - stamp
-        output_ports:
-        - depth_image
+        input_ports: [depth_image, label_image, camera_pose, object_pose, stamp]
+        output_ports: [depth_image]
 
     The depth images are ``ImageDepth32F`` [m]; a pixel that was lost or is too near is 0, one that
     is too far infinite. Label image and poses, X_WC and X_WO, are the true ones of the same
@@ -66,16 +58,10 @@ class NoisyDepth(LeafSystem):
         object_label: int = -1,
         material: str = "matt",
     ) -> None:
-        """The errors of one camera; cameras with the same seed err alike.
+        """The errors of one camera, by its intrinsics; cameras with the same seed err alike.
 
-        Args:
-            noise: The errors.
-            info: The depth camera's intrinsics.
-            seed: Seed of the errors.
-            near: Least depth that the camera measures [m].
-            far: Largest depth that it measures [m].
-            object_label: Label of the object's pixels.
-            material: Of the object, one of `MATERIALS`.
+        It measures depths from ``near`` to ``far`` [m]. The object has pixels of that label, and a
+        material of `MATERIALS`.
         """
         super().__init__()
         self._noise, self._seed = noise, seed
@@ -93,8 +79,7 @@ class NoisyDepth(LeafSystem):
 
     def _calc(self, context: Context, output) -> None:
         depth = self._input.Eval(context).data[:, :, 0]
-        stamped = self._stamp.HasValue(context)
-        time = self._stamp.Eval(context)[0] if stamped else context.get_time()
+        time = scalar(self._stamp, context, context.get_time())
         if not np.isfinite(time):
             output.get_mutable_value().mutable_data[:, :, 0] = depth
             return
@@ -126,11 +111,8 @@ class CalibratedPose(LeafSystem):
     .. pydrake_system::
 
         name: CalibratedPose
-        input_ports:
-        - true_pose
-        - position
-        output_ports:
-        - pose
+        input_ports: [true_pose, position]
+        output_ports: [pose]
 
     The poses are ``RigidTransform``, X_WC and X_WB. ``position`` V7, the true joint positions
     [rad], is for a camera on the arm: its pose is computed from encoders with zeros that err.
@@ -139,10 +121,7 @@ class CalibratedPose(LeafSystem):
     def __init__(self, X_CB: Array, zero: Array, arm: Arm = IIWA_7) -> None:
         """A camera with the calibrated pose ``X_CB`` (4, 4) in its own true frame.
 
-        Args:
-            X_CB: See above.
-            zero: What the encoders measure at zero, shape (n,) [rad].
-            arm: The arm.
+        At zero the arm's encoders measure ``zero`` (n,) [rad].
         """
         super().__init__()
         self._X_CB, self._zero, self._arm = RigidTransform(X_CB), zero, arm

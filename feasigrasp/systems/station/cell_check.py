@@ -1,7 +1,5 @@
 """Checks that a robot cell matches the kinematics, limits and hand of the package."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -27,11 +25,7 @@ FINGER_JOINTS = ("left_finger_joint", "right_finger_joint")
 
 
 def check_cell(
-    plant: MultibodyPlant,
-    gripper: Gripper,
-    arm: Arm = IIWA_7,
-    *,
-    hand_error: ArrayLike = _NONE,
+    plant: MultibodyPlant, gripper: Gripper, arm: Arm = IIWA_7, *, hand_error: ArrayLike = _NONE
 ) -> None:
     """Compares a finalized plant with the arm and the hand that the project computes with.
 

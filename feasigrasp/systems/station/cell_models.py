@@ -1,12 +1,12 @@
-"""Description of the robot cell, and its models in a plant."""
+"""Description of the robot cell, its models in a plant, and boxes about them."""
 
-from __future__ import annotations
-
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
 from pydrake.common.schema import Transform
+from pydrake.geometry import Box, HalfSpace
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import (
     FlattenModelDirectives,
@@ -16,8 +16,9 @@ from pydrake.multibody.parsing import (
     Parser,
     ProcessModelDirectives,
 )
-from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
@@ -30,6 +31,7 @@ from feasigrasp.models.quantities import CONFIGURATION, POSE, NotNegative, Whole
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.segmentation.modeled_bodies import Boxes
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.models.sensors.joint_errors import JointErrors
@@ -162,3 +164,39 @@ def robot_instances(plant: MultibodyPlant, arm: Arm) -> list[ModelInstanceIndex]
     """Model instances of the arm and its attachments."""
     names = filter(plant.HasModelInstanceNamed, (arm.name, "gripper", "camera"))
     return [plant.GetModelInstanceByName(name) for name in names]
+
+
+def cell_boxes(config: StationConfig, models: Collection[str] | None = None) -> Boxes:
+    """A box about each collision geometry that is fixed to the world and not the arm's base.
+
+    Of a box that is the box itself, of anything else Drake's oriented bounding box. Of ``models``
+    these count; None for all.
+    """
+    # Half the size of a box that stands for a half space [m].
+    half_space = 10.0
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlant(config.plant, builder)
+    add_cell(plant, config)
+    plant.Finalize()
+    context = builder.Build().CreateDefaultContext()
+    query = scene_graph.get_query_output_port().Eval(scene_graph.GetMyContextFromRoot(context))
+    inspector, robot = scene_graph.model_inspector(), robot_instances(plant, config.arm)
+    poses, halves, solid = [], [], []
+    for body in plant.GetBodiesWeldedTo(plant.world_body()):
+        name = plant.GetModelInstanceName(body.model_instance())
+        if body.model_instance() in robot or (models is not None and name not in models):
+            continue
+        for geometry in plant.GetCollisionGeometriesForBody(body):
+            shape = inspector.GetShape(geometry)
+            solid.append(isinstance(shape, Box | HalfSpace))
+            if isinstance(shape, HalfSpace):
+                below = RigidTransform([0.0, 0.0, -half_space])
+                poses.append((query.GetPoseInWorld(geometry) @ below).GetAsMatrix4())
+                halves.append(np.full(3, half_space))
+                continue
+            box = query.ComputeObbInWorld(geometry)
+            poses.append(box.pose().GetAsMatrix4())
+            halves.append(box.half_width())
+    if not poses:
+        return Boxes.none()
+    return Boxes(np.array(poses), np.array(halves), np.array(solid))

@@ -1,7 +1,5 @@
 """The directives of a scenario's cell: its own, with another hand, table height and obstacles."""
 
-from __future__ import annotations
-
 import itertools
 import tempfile
 from collections.abc import Iterator
@@ -81,12 +79,9 @@ def modeled_bodies(scenario: Scenario) -> list[str]:
     Raises:
         ScenarioError: `CellConfig.unmodeled` has another name.
     """
+    known = (load_arm(scenario.arm).name, "gripper", "camera", "table")
     names = [each.add_model.name for each in _flat(scenario) if each.add_model is not None]
-    names = [
-        name
-        for name in names
-        if name not in (load_arm(scenario.arm).name, "gripper", "camera", "table")
-    ]
+    names = [name for name in names if name not in known]
     for name in scenario.cell.unmodeled:
         if name not in names:
             raise ScenarioError(

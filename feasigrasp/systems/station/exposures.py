@@ -1,4 +1,4 @@
-"""Exposures of a camera whose images come late: what it sees is sampled, and delayed."""
+"""Cameras whose images come late: what they see is delayed, and poses are remembered."""
 
 from __future__ import annotations
 
@@ -6,34 +6,24 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import GetScopedFrameByName
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import (
-    Context,
-    DiagramBuilder,
-    EventStatus,
-    LeafSystem,
-    OutputPort,
-)
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.systems.ports import declare_input, declare_output, weakly
 
 
 class Timing(NamedTuple):
-    """When a camera takes images, and how long they take, as ``RgbdSensorAsync`` has it.
-
-    Attributes:
-        fps: Exposures in a second [Hz].
-        capture_offset: Time of the first one [s].
-        output_delay: From an exposure until its image is there [s].
-    """
+    """When a camera takes images, and how long they take, see `Exposures`: [Hz], [s], [s]."""
 
     fps: float
     capture_offset: float
@@ -53,11 +43,8 @@ class Exposures(LeafSystem):
     .. pydrake_system::
 
         name: Exposures
-        input_ports:
-        - u
-        output_ports:
-        - y
-        - stamp
+        input_ports: [u]
+        output_ports: [y, stamp]
 
     ``y`` is ``u`` at the exposure of the present image, ``stamp`` (V1) the time of that [s]. Before
     the first image ``stamp`` is NaN, and ``y`` what the constructor was given. Image i shows the
@@ -82,8 +69,8 @@ class Exposures(LeafSystem):
             arrival = offset + timing.output_delay
             self.DeclarePeriodicDiscreteUpdateEvent(period, arrival, weakly(self._deliver))
         ticket = {self.discrete_state_ticket(present)}
-        self.DeclareVectorOutputPort("y", len(initial), weakly(self._calc), ticket)
-        self.DeclareVectorOutputPort("stamp", 1, weakly(self._calc_stamp), ticket)
+        declare_output(self, "y", lambda context: _present(context)[1:], ticket, size=len(initial))
+        declare_output(self, "stamp", lambda context: _present(context)[0], ticket, size=1)
 
     def _expose(self, context: Context, state) -> EventStatus:
         row = np.concatenate([[context.get_time()], self._input.Eval(context)])
@@ -102,26 +89,19 @@ class Exposures(LeafSystem):
             state.get_mutable_vector(1).SetFromVector(rows[due[0]])
         return EventStatus.Succeeded()
 
-    def _calc(self, context: Context, y) -> None:
-        y.SetFromVector(context.get_discrete_state(1).value()[1:])
 
-    def _calc_stamp(self, context: Context, stamp) -> None:
-        stamp.SetAtIndex(0, context.get_discrete_state(1).value()[0])
+def _present(context: Context) -> Array:
+    """Time and vector of the present image."""
+    return context.get_discrete_state(1).value()
 
 
 def add_exposures(
     builder: DiagramBuilder, name: str, timing: Timing, *sources: tuple[OutputPort, Array]
 ) -> tuple[list[OutputPort], OutputPort]:
-    """Adds `Exposures` of some vectors.
+    """Adds `Exposures` of some vectors: each a port, and its value before the first image.
 
-    Args:
-        builder: The builder.
-        name: Of the system; those before and after it are ``<name>_u`` and ``<name>_y``.
-        timing: The camera's schedule.
-        sources: Each an output port, and its value before the first image.
-
-    Returns:
-        Output ports with the vectors at the exposure, in order, and one with the stamp.
+    The systems before and after it are ``<name>_u`` and ``<name>_y``. Returned are the output ports
+    with the vectors at the exposure, in order, and the one with the stamp.
     """
     sizes = [len(initial) for _, initial in sources]
     before = builder.AddNamedSystem(f"{name}_u", Multiplexer(sizes))
@@ -141,11 +121,8 @@ class FirstImage(LeafSystem):
     .. pydrake_system::
 
         name: FirstImage
-        input_ports:
-        - image
-        - stamp
-        output_ports:
-        - image
+        input_ports: [image, stamp]
+        output_ports: [image]
 
     ``stamp`` (V1) is NaN before the first image. Until then the output is ``blank``.
     """
@@ -170,10 +147,8 @@ class CameraPose(LeafSystem):
     .. pydrake_system::
 
         name: CameraPose
-        input_ports:
-        - position
-        output_ports:
-        - pose
+        input_ports: [position]
+        output_ports: [pose]
 
     ``position`` is V7 [rad], ``pose`` X_WC a ``RigidTransform``, as the camera is calibrated.
     """
@@ -208,3 +183,110 @@ class CameraPose(LeafSystem):
             return RigidTransform(self._X_BC)
         q = self._position.Eval(context)
         return RigidTransform(forward_kinematics(np.array(q), self._X_BC, self._arm))
+
+
+#: How far back a pose is remembered [s]. Source: guessed.
+REMEMBERED = 0.5
+#: Time, then the upper three rows of a pose. Source: layout.
+_ROW = 13
+
+
+class PoseAt(LeafSystem):
+    """Buffers poses, and returns the one at a recent time.
+
+    .. pydrake_system::
+
+        name: PoseAt
+        input_ports: [pose, stamp]
+        output_ports: [pose]
+
+    Both poses are ``RigidTransform``; ``stamp`` is V1 [s]. Between the instants at which the pose
+    was remembered it is a screw; before the first of them, and for a stamp that is NaN, it is the
+    oldest that is known; after the last one, the present one.
+    """
+
+    def __init__(self, period: float) -> None:
+        """Remembers the pose every ``period`` seconds."""
+        super().__init__()
+        self._pose = declare_input(self, "pose", RigidTransform())
+        self._stamp = self.DeclareVectorInputPort("stamp", 1)
+        rows = np.full((round(REMEMBERED / period), _ROW), np.nan)
+        state = self.DeclareDiscreteState(rows.ravel())
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._remember))
+        sources = {self.discrete_state_ticket(state), self._stamp.ticket(), self._pose.ticket()}
+        declare_output(self, "pose", self._calc, sources, model=RigidTransform())
+
+    def _remember(self, context: Context, state) -> EventStatus:
+        rows = context.get_discrete_state_vector().value()
+        X = self._pose.Eval(context).GetAsMatrix4()
+        row = np.concatenate([[context.get_time()], X[:3].ravel()])
+        state.get_mutable_vector().SetFromVector(np.concatenate([row, rows[:-_ROW]]))
+        return EventStatus.Succeeded()
+
+    def _calc(self, context: Context) -> RigidTransform:
+        rows = context.get_discrete_state_vector().value().reshape(-1, _ROW)
+        known = rows[np.isfinite(rows).all(axis=1)]
+        stamp = self._stamp.Eval(context)[0]
+        if len(known) == 0 or stamp > known[0, 0]:
+            return RigidTransform(self._pose.Eval(context))
+        return RigidTransform(_interpolated(known, stamp))
+
+
+class PositionAt(LeafSystem):
+    """As `PoseAt`, of joint positions.
+
+    .. pydrake_system::
+
+        name: PositionAt
+        input_ports: [position, measured_at, stamp]
+        output_ports: [position]
+
+    Positions are V``n`` [rad]; ``measured_at``, when the present ones were measured, and ``stamp``
+    are V1 [s]. Between two measurements positions change evenly, however far they are apart.
+    """
+
+    def __init__(self, period: float, n: int) -> None:
+        """Remembers ``n`` positions every ``period`` seconds."""
+        super().__init__()
+        self._size = 1 + n
+        self._position = self.DeclareVectorInputPort("position", n)
+        self._measured_at = self.DeclareVectorInputPort("measured_at", 1)
+        self._stamp = self.DeclareVectorInputPort("stamp", 1)
+        rows = np.full((round(REMEMBERED / period), self._size), np.nan)
+        state = self.DeclareDiscreteState(rows.ravel())
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._remember))
+        sources = {self.discrete_state_ticket(state), self._stamp.ticket(), self._position.ticket()}
+        declare_output(self, "position", self._calc, sources, size=n)
+
+    def _remember(self, context: Context, state) -> EventStatus:
+        rows = context.get_discrete_state_vector().value()
+        row = np.concatenate([self._measured_at.Eval(context), self._position.Eval(context)])
+        if row[0] <= rows[0]:
+            return EventStatus.DidNothing()
+        state.get_mutable_vector().SetFromVector(np.concatenate([row, rows[: -self._size]]))
+        return EventStatus.Succeeded()
+
+    def _calc(self, context: Context) -> ArrayLike:
+        rows = context.get_discrete_state_vector().value().reshape(-1, self._size)
+        known = rows[np.isfinite(rows).all(axis=1)][::-1]
+        position, stamp = self._position.Eval(context), self._stamp.Eval(context)[0]
+        if len(known) == 0 or stamp > known[-1, 0]:
+            return position
+        at = known[0, 0] if np.isnan(stamp) else stamp
+        return [np.interp(at, known[:, 0], values) for values in known[:, 1:].T]
+
+
+def _interpolated(rows: Array, stamp: float) -> Array:
+    """The pose (4, 4) at a time; the rows are newest first."""
+    older = int(np.searchsorted(-rows[:, 0], -stamp))
+    if older == 0 or older == len(rows) or not np.isfinite(stamp):
+        return _matrix(rows[0 if older == 0 else -1])
+    X_a, X_b = _matrix(rows[older]), _matrix(rows[older - 1])
+    share = (stamp - rows[older, 0]) / (rows[older - 1, 0] - rows[older, 0])
+    return se3.interpolate(X_a, X_b, share)
+
+
+def _matrix(row: Array) -> Array:
+    X = np.eye(4)
+    X[:3] = row[1:].reshape(3, 4)
+    return X

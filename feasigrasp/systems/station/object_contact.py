@@ -1,7 +1,5 @@
 """Contact of arm and hand with the object before closing, from the contact solver."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np
@@ -12,7 +10,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
-from feasigrasp.systems.ports import declare_input, weakly
+from feasigrasp.systems.ports import declare_input, declare_output, weakly
 
 
 def _geometries(plant: MultibodyPlant, index: BodyIndex) -> list[int]:
@@ -26,10 +24,8 @@ class ObstacleDistance(LeafSystem):
     .. pydrake_system::
 
         name: ObstacleDistance
-        input_ports:
-        - query_object
-        output_ports:
-        - distance
+        input_ports: [query_object]
+        output_ports: [distance]
 
     ``distance`` [m] is signed, negative for penetration, and infinite if nothing is there. It is
     asked of Drake for every pair of collision geometries; what the controllers know of the scene
@@ -38,12 +34,7 @@ class ObstacleDistance(LeafSystem):
     """
 
     def __init__(self, plant: MultibodyPlant, robot: Iterable[ModelInstanceIndex]) -> None:
-        """A measurement in the scene of a finalized plant.
-
-        Args:
-            plant: The plant.
-            robot: Model instances of the arm and what it carries.
-        """
+        """A measurement in the scene of a finalized plant, for model instances of the robot."""
         super().__init__()
         robot = list(robot)
         fixed = {int(body.index()) for body in plant.GetBodiesWeldedTo(plant.world_body())}
@@ -57,9 +48,9 @@ class ObstacleDistance(LeafSystem):
                 elif instance not in robot:
                     self._surroundings += geometries
         self._query = declare_input(self, "query_object", QueryObject())
-        self.DeclareVectorOutputPort("distance", 1, weakly(self._calc))
+        declare_output(self, "distance", self._calc, size=1)
 
-    def _calc(self, context: Context, output) -> None:
+    def _calc(self, context: Context) -> float:
         query = self._query.Eval(context)
         ids = query.inspector().GetAllGeometryIds(Role.kProximity)
         moving = [i for i in ids if i.get_value() in self._moving]
@@ -69,7 +60,7 @@ class ObstacleDistance(LeafSystem):
             for b in surroundings:
                 pair = query.ComputeSignedDistancePairClosestPoints(a, b)
                 nearest = min(nearest, pair.distance)
-        output.SetAtIndex(0, nearest)
+        return nearest
 
 
 class ObjectContact(LeafSystem):
@@ -78,11 +69,8 @@ class ObjectContact(LeafSystem):
     .. pydrake_system::
 
         name: ObjectContact
-        input_ports:
-        - contact_results
-        - phase
-        output_ports:
-        - approach
+        input_ports: [contact_results, phase]
+        output_ports: [approach]
 
     ``phase`` is a `Phase`. ``approach`` has four entries, over all past steps of the plant in
     which the hand approached: how long they were, how long of it the robot touched the object [s],
@@ -91,18 +79,9 @@ class ObjectContact(LeafSystem):
     """
 
     def __init__(
-        self,
-        plant: MultibodyPlant,
-        body_index: BodyIndex,
-        robot: Iterable[ModelInstanceIndex],
+        self, plant: MultibodyPlant, body_index: BodyIndex, robot: Iterable[ModelInstanceIndex]
     ) -> None:
-        """A measurement on a finalized, discrete plant.
-
-        Args:
-            plant: The plant.
-            body_index: The object.
-            robot: Model instances of the arm and what it carries.
-        """
+        """A measurement on a finalized, discrete plant, of a body and instances of the robot."""
         super().__init__()
         self._object = body_index
         self._robot = {index for instance in robot for index in plant.GetBodyIndices(instance)}

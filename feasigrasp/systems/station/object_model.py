@@ -1,7 +1,5 @@
 """Adds a `RigidObject` to a MultibodyPlant as a free body with its true shape."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -35,7 +33,7 @@ from feasigrasp.models.objects.mesh import obj_text
 from feasigrasp.models.objects.rigid_object import RigidObject, write_mesh
 from feasigrasp.outputs import write_text
 from feasigrasp.scenario.schema import ObjectConfig
-from feasigrasp.systems.ports import declare_output
+from feasigrasp.systems.ports import declare_output, scalar
 
 
 class DistractorBodies(LeafSystem):
@@ -44,11 +42,8 @@ class DistractorBodies(LeafSystem):
     .. pydrake_system::
 
         name: DistractorBodies
-        input_ports:
-        - let_go
-        - time
-        output_ports:
-        - poses
+        input_ports: [let_go, time]
+        output_ports: [poses]
 
     ``let_go`` is V1, the time at which the carrier lets the object go [s], infinite before;
     ``poses`` is a ``FramePoseVector`` for the scene graph. ``time`` (V1) [s], optional, is when
@@ -64,8 +59,7 @@ class DistractorBodies(LeafSystem):
         declare_output(self, "poses", self._calc, model=FramePoseVector())
 
     def _calc(self, context: Context) -> FramePoseVector:
-        shown = self._time.HasValue(context)
-        time = float(np.nan_to_num(self._time.Eval(context)[0])) if shown else context.get_time()
+        time = float(np.nan_to_num(scalar(self._time, context, context.get_time())))
         since = max(time - self._let_go.Eval(context)[0], 0.0)
         poses = FramePoseVector()
         for body, frame in self._bodies:
@@ -84,15 +78,9 @@ def add_distractor_bodies(
 ) -> DistractorBodies:
     """Puts bodies into a scene graph, and adds the system that moves them; its input is left open.
 
-    They can be seen by cameras and viewers, and are no obstacle to anything.
-
-    Args:
-        builder: The builder that holds the scene graph.
-        scene_graph: Where they are shown.
-        bodies: The bodies.
-        name: Of the system.
-        directory: Existing folder for their meshes; renderers read them late.
-        first_label: Label of the first one in label images; the next ones count up.
+    They can be seen by cameras and viewers, and are no obstacle to anything. Their meshes are
+    written to an existing folder, and read late by renderers. Their labels in label images count up
+    from the first one.
     """
     source = scene_graph.RegisterSource(name)
     frames = []
@@ -128,14 +116,7 @@ def _seen(color: Sequence[float], label: int) -> PerceptionProperties:
 def set_friction(
     plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex, friction: float
 ) -> None:
-    """Gives all collision geometry of a model one Coulomb friction, static and dynamic.
-
-    Args:
-        plant: The plant that holds the model.
-        scene_graph: The scene graph that the plant is registered with.
-        instance: The model.
-        friction: The coefficient.
-    """
+    """Gives all collision geometry of a model one Coulomb friction, static and dynamic."""
     inspector = scene_graph.model_inspector()
     for geometry in _surfaces(plant, instance):
         properties = inspector.GetProximityProperties(geometry)
@@ -212,7 +193,7 @@ def add_object(
     friction: float = ObjectConfig.friction,
     model_name: str = "object",
 ) -> ModelInstanceIndex:
-    """Adds the object as a free body named ``object`` in its own model instance.
+    """Adds the object as a free body named ``object`` in a model instance, and returns that.
 
     The collision geometry is the triangle surface itself, with fewer faces, rigid hydroelastic and
     not declared convex, so a mug or a bowl stays hollow. (A compliant mesh, and any point contact,
@@ -226,9 +207,6 @@ def add_object(
             must outlive the diagram's first rendering (renderers read the mesh late).
         friction: Coulomb friction coefficient, static and dynamic.
         model_name: Name of the model instance and of the files.
-
-    Returns:
-        The model instance.
     """
     directory = Path(directory)
     mesh = f"{model_name}.obj"

@@ -27,12 +27,8 @@ class ObjectServo(LeafSystem):
     .. pydrake_system::
 
         name: ObjectServo
-        input_ports:
-        - state
-        - hold
-        output_ports:
-        - spatial_force
-        - let_go
+        input_ports: [state, hold]
+        output_ports: [spatial_force, let_go]
 
     ``state`` is the body's V13 state in the plant (quaternion wxyz, position, angular velocity,
     velocity); ``hold`` is 1 until the command to let go, and 0 from then on. ``let_go`` is V1, the
@@ -50,14 +46,9 @@ class ObjectServo(LeafSystem):
         *,
         pulls: Sequence[ObjectPulled] = (),
     ) -> None:
-        """Reads the body's mass and inertia from the finalized plant.
+        """Carries a body of the finalized plant, with its mass and inertia there, along a motion.
 
-        Args:
-            plant: The finalized plant.
-            body_index: The body to carry; its origin is its centre of mass.
-            motion: Where it should be.
-            carrier: How it is held and let go.
-            pulls: What pulls at it once it is let go.
+        The body's origin is its centre of mass. The ``pulls`` pull at it once it is let go.
         """
         super().__init__()
         body = plant.get_body(body_index)
@@ -76,7 +67,7 @@ class ObjectServo(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(step, 0.0, weakly(self._release))
         ticket = self.discrete_state_ticket(release)
         declare_output(self, "spatial_force", self._calc, model=[ExternallyAppliedSpatialForce()])
-        self.DeclareVectorOutputPort("let_go", 1, weakly(self._calc_let_go), {ticket})
+        declare_output(self, "let_go", _let_go, {ticket}, size=1)
 
     def _release(self, context: Context, discrete) -> EventStatus:
         # A carrier that feels the load lets go once it has borne less than this share of the weight
@@ -97,12 +88,9 @@ class ObjectServo(LeafSystem):
         discrete.set_value([let_go, light_since])
         return EventStatus.Succeeded()
 
-    def _calc_let_go(self, context: Context, output) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value()[:1])
-
     def _calc(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
         time = context.get_time()
-        if time < context.get_discrete_state_vector().value()[0]:
+        if time < _let_go(context):
             return force_on(self._body_index, self._wrench(context))
         speed = float(np.linalg.norm(self._state.Eval(context)[-3:]))
         pulling = [pull.force for pull in self._pulls if pull.pulls(time, speed)]
@@ -117,6 +105,10 @@ class ObjectServo(LeafSystem):
         else:
             spring_wrench_kernel(state, *self._motion.state(time), self._load, wrench)
         return wrench
+
+
+def _let_go(context: Context) -> float:
+    return float(context.get_discrete_state_vector().value()[0])
 
 
 def force_on(body_index: BodyIndex, wrench: Array) -> list[ExternallyAppliedSpatialForce]:

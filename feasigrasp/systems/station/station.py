@@ -1,7 +1,5 @@
 """The robot cell as one diagram: arm, gripper, wrist camera, table and a moving object."""
 
-from __future__ import annotations
-
 import copy
 import tempfile
 from collections.abc import Iterable
@@ -30,8 +28,7 @@ from feasigrasp.systems.station.arm_ports import ArmPorts
 from feasigrasp.systems.station.camera import MeasuredArm, SeenObject, export_camera
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
 from feasigrasp.systems.station.exposures import Timing, add_exposures
-from feasigrasp.systems.station.finger_drive import FingerDrive
-from feasigrasp.systems.station.joint_sensors import JointSensors
+from feasigrasp.systems.station.joints import FingerDrive, JointSensors
 from feasigrasp.systems.station.object_model import (
     add_distractor_bodies,
     add_object,
@@ -84,31 +81,12 @@ class Station(ArmPorts):
     .. pydrake_system::
 
         name: Station
-        input_ports:
-        - arm.desired_state
-        - gripper.position
-        - object.hold
-        output_ports:
-        - arm.position_measured
-        - arm.velocity_estimated
-        - arm.state_estimated
-        - arm.torque_measured
-        - arm.torque_external
-        - gripper.state_measured
-        - object.pose
-        - object.velocity
-        - object.let_go
-        - <camera>.point_cloud
-        - <camera>.color_image
-        - <camera>.depth_image
-        - <camera>.label_image
-        - <camera>.pose
-        - <camera>.pose_now
-        - <camera>.position
-        - <camera>.gripper_state
-        - <camera>.stamp
-        - contact_results
-        - query_object
+        input_ports: [arm.desired_state, gripper.position, object.hold]
+        output_ports: [arm.position_measured, arm.velocity_estimated, arm.state_estimated,
+          arm.torque_measured, arm.torque_external, gripper.state_measured, object.pose,
+          object.velocity, object.let_go, <camera>.point_cloud, <camera>.color_image,
+          <camera>.depth_image, <camera>.label_image, <camera>.pose, <camera>.pose_now,
+          <camera>.position, <camera>.gripper_state, <camera>.stamp, contact_results, query_object]
 
     ``arm.desired_state`` and ``arm.state_estimated`` are V14 (positions [rad], velocities
     [rad/s]). The latter is true, as ``arm.velocity_estimated``, its second half; of
@@ -162,8 +140,7 @@ class Station(ArmPorts):
     @property
     def object_body(self) -> RigidBody:
         """The object; not stored, since Python never frees a plant that holds a body of its own."""
-        body: RigidBody = self.plant.GetBodyByName("object", self.object_instance)
-        return body
+        return self.plant.GetBodyByName("object", self.object_instance)
 
     @property
     def object_label(self) -> int:

@@ -1,7 +1,5 @@
 """Simulated seal of a suction cup: a stiff spring that holds within the cup's limits."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +19,7 @@ from feasigrasp.models.objects.spring_drive import (
     spring_wrench_kernel,
 )
 from feasigrasp.models.robot.suction_cup import SuctionCup
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, weakly
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
 from feasigrasp.systems.station.object_servo import force_on
 
 
@@ -39,15 +37,8 @@ class SuctionSeal(LeafSystem):
     .. pydrake_system::
 
         name: SuctionSeal
-        input_ports:
-        - opening
-        - object_state
-        - body_poses
-        - body_velocities
-        - carried
-        output_ports:
-        - state
-        - spatial_force
+        input_ports: [opening, object_state, body_poses, body_velocities, carried]
+        output_ports: [state, spatial_force]
 
     ``opening`` V1 is negative while the vacuum is on [m]. Then the lip closes if it lies on the
     object's true surface as `seals` demands, and from there a damped spatial spring, as stiff as
@@ -76,7 +67,7 @@ class SuctionSeal(LeafSystem):
         self._twists = declare_input(self, "body_velocities", [SpatialVelocity.Zero()])
         self._carried = declare_input(self, "carried", [ExternallyAppliedSpatialForce()])
         self._seal = PeriodicState(self, _Seal(), step, self._advance)
-        self.DeclareVectorOutputPort("state", 2, weakly(self._calc_state), {self._seal.ticket()})
+        declare_output(self, "state", self._calc_state, {self._seal.ticket()}, size=2)
         model = [ExternallyAppliedSpatialForce()]
         declare_output(self, "spatial_force", self._calc, model=model)
 
@@ -112,8 +103,8 @@ class SuctionSeal(LeafSystem):
         spring_wrench_kernel(state, X_WR, V_WR, np.zeros(3), self._load, wrench)
         return wrench
 
-    def _calc_state(self, context: Context, output) -> None:
-        output.SetFromVector([float(self._seal.Eval(context).X_GO is not None), 0.0])
+    def _calc_state(self, context: Context) -> list[float]:
+        return [float(self._seal.Eval(context).X_GO is not None), 0.0]
 
     def _calc(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
         forces, X_GO = list(self._carried.Eval(context)), self._seal.Eval(context).X_GO

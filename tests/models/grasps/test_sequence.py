@@ -18,7 +18,7 @@ from feasigrasp.models.grasps.sequence import (
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel
 from feasigrasp.models.objects.prediction import MotionEstimate
-from feasigrasp.systems.remote.packing import packed, unpacked
+from feasigrasp.systems.remote.served import packed, unpacked
 
 CONFIG = GraspSequenceConfig()
 WIDTH = 0.05

@@ -17,7 +17,7 @@ from feasigrasp.models.segmentation.modeled_bodies import (
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.from_scenario import make_station, station_config
-from feasigrasp.systems.station.cell_boxes import cell_boxes
+from feasigrasp.systems.station.cell_models import cell_boxes
 
 GRIPPER = ParallelGripper()
 FILE = diagram_path("dynamic.scenarios.yaml")

@@ -21,7 +21,7 @@ from feasigrasp.runs.pictures.perception import (
     upward,
 )
 from feasigrasp.runs.pictures.splats import Viewer
-from feasigrasp.systems.monitoring.grasp_visualizer import distance_from_seen
+from feasigrasp.systems.monitoring.meshcat_view import distance_from_seen
 
 RADIUS = 0.03
 

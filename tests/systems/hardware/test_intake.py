@@ -19,9 +19,9 @@ from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
 from feasigrasp.systems.hardware import channels, control_loop
+from feasigrasp.systems.hardware.channels import LARGEST, decode, pixels
 from feasigrasp.systems.hardware.control_loop import ControlLoop, Intake
-from feasigrasp.systems.hardware.decode import LARGEST, decode, pixels
-from feasigrasp.systems.hardware.object_pose import pose_message
+from feasigrasp.systems.hardware.measurements import pose_message
 
 
 def status(utime, q=(0.0,) * 7):

@@ -19,10 +19,10 @@ from feasigrasp.errors import HardwareError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.images import RgbdReceiver
-from feasigrasp.systems.hardware.object_pose import (
+from feasigrasp.systems.hardware.measurements import (
     ObjectPoseReceiver,
     ObjectPoseSender,
+    RgbdReceiver,
     pose_message,
 )
 

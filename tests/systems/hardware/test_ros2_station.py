@@ -12,8 +12,7 @@ from pydrake.systems.lcm import LcmSubscriberSystem
 
 from diagrams.ros2_station import fingers, images, pose, status
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.systems.hardware.images import RgbdReceiver
-from feasigrasp.systems.hardware.object_pose import ObjectPoseReceiver
+from feasigrasp.systems.hardware.measurements import ObjectPoseReceiver, RgbdReceiver
 
 HEADER = Message(stamp=Message(sec=3, nanosec=250_000_000), frame_id="camera")
 

@@ -18,7 +18,7 @@ from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.runs.replay import FRAMES_PER_SECOND, start_recording, write_replay
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
-from feasigrasp.systems.monitoring.grasp_visualizer import (
+from feasigrasp.systems.monitoring.meshcat_view import (
     INVENTED,
     PATH,
     SEEN,

@@ -5,7 +5,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from feasigrasp.models.tracking.tracker import FieldTrack
-from feasigrasp.systems.monitoring.true_frame import TrueFrame
+from feasigrasp.systems.metrics import TrueFrame
 
 UNKNOWN = RigidTransform(np.full((3, 4), np.nan))
 X_WB = RigidTransform(RollPitchYaw(0.1, 0.7, 2.0), [0.5, -0.1, 0.4])

@@ -12,6 +12,7 @@ from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.from_scenario import (
     make_foreground_segmentation,
+    make_static_grid,
     make_station,
     station_config,
 )
@@ -20,8 +21,7 @@ from feasigrasp.systems.stages.controllers import (
     make_controller,
     make_reachability,
 )
-from feasigrasp.systems.stages.static_obstacles import make_static_grid
-from feasigrasp.systems.station.cell_boxes import cell_boxes
+from feasigrasp.systems.station.cell_models import cell_boxes
 from feasigrasp.systems.station.directives import cell_directives
 from tests.pipeline import FILE
 from tests.truths import table_distances

@@ -7,7 +7,7 @@ from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.systems.station.finger_drive import FingerDrive
+from feasigrasp.systems.station.joints import FingerDrive
 from tests.cell import HOME, OPEN, Cell, scenario
 
 PERIOD = 0.0025

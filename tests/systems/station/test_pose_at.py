@@ -6,7 +6,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.systems.station.pose_at import PoseAt, PositionAt
+from feasigrasp.systems.station.exposures import PoseAt, PositionAt
 
 
 def test_the_joints_at_an_image_are_those_of_its_time():

@@ -1,11 +1,9 @@
-"""Draws the completed surface and the grasps in Meshcat."""
-
-from __future__ import annotations
+"""Draws a station, the completed surface and the grasps in Meshcat."""
 
 import numpy as np
-from pydrake.geometry import Meshcat, Rgba
+from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, Rgba, Role
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem
 
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.clouds.fusion import FusedCloud
@@ -22,6 +20,7 @@ from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 from feasigrasp.systems.ports import declare_input, weakly
+from feasigrasp.systems.station.station import Station
 
 #: Colours of grasps that the controller is given, and of those that were dropped before. Source:
 #: layout.
@@ -72,12 +71,7 @@ class GraspVisualizer(LeafSystem):
     .. pydrake_system::
 
         name: GraspVisualizer
-        input_ports:
-        - perceived
-        - grasps
-        - reachable
-        - phase
-        - object_pose
+        input_ports: [perceived, grasps, reachable, phase, object_pose]
 
     ``perceived`` is a `Perceived`; ``grasps`` are all sampled grasps and ``reachable`` those that
     the controller is given, flips included, both in the object frame O; ``phase`` is a `Phase`, and
@@ -93,12 +87,9 @@ class GraspVisualizer(LeafSystem):
     MAX_REACHABLE, MAX_DROPPED = 8, 4
 
     def __init__(self, meshcat: Meshcat, gripper: Gripper, *, period: float = 0.25) -> None:
-        """A visualizer of one object's grasps.
+        """A visualizer of one object's grasps, with glyphs of the gripper.
 
-        Args:
-            meshcat: Where to draw.
-            gripper: The gripper that the glyphs stand for.
-            period: Time between pictures [s]; they move in between.
+        Pictures come every ``period`` seconds; they move in between.
         """
         super().__init__()
         self._meshcat = meshcat
@@ -217,3 +208,61 @@ def surface_colors(gpdf: Gpdf) -> Array:
     share = (distance - seen_within) / (invented_beyond - seen_within)
     share = np.clip(share, 0.0, 1.0)[:, None]
     return (1.0 - share) * SEEN + share * INVENTED
+
+
+#: Meshcat path of everything that the station shows.
+PREFIX = "/drake/illustration"
+#: Where the camera stands and what it looks at, in the world frame [m], and its zoom. Source:
+#: layout.
+CAMERA, TARGET, ZOOM = (1.75, -1.85, 1.15), (0.36, 0.0, 0.49), 3.1
+#: Brightness of the lights; Meshcat's own wash out a white arm and leave shaded sides black.
+LIGHTS = {
+    "AmbientLight": 0.9,
+    "FillLight": 0.6,
+    "SpotLight": 10.0,
+    "PointLightNegativeX": 6.0,
+    "PointLightPositiveX": 6.0,
+}
+
+
+def add_scene(builder: DiagramBuilder, station: Station, meshcat: Meshcat) -> None:
+    """Adds a visualizer named ``scene`` for the geometry of a station in the builder."""
+    params = MeshcatVisualizerParams(
+        role=Role.kIllustration,
+        prefix=PREFIX,
+        publish_period=1.0 / 32.0,
+        delete_on_initialization_event=False,  # it would take the object's opacity along
+    )
+    scene = builder.AddNamedSystem("scene", MeshcatVisualizer(meshcat, params))
+    builder.Connect(station.GetOutputPort("query_object"), scene.query_object_input_port())
+    object_path = f"{PREFIX}/{station.object_body.scoped_name().get_full().replace('::', '/')}"
+    meshcat.Delete(PREFIX)
+    _make_translucent(station, object_path, meshcat)
+    set_stage(meshcat)
+
+
+def _make_translucent(station: Station, object_path: str, meshcat: Meshcat) -> None:
+    inspector = station.scene_graph.model_inspector()
+    frame = station.plant.GetBodyFrameIdOrThrow(station.object_body.index())
+    for geometry in inspector.GetGeometries(frame, Role.kIllustration):
+        path = f"{object_path}/{inspector.GetName(geometry).replace('::', '/')}"
+        # On the mesh itself: its folder's opacity belongs to MeshcatVisualizer.
+        # Opacity of the object, so that what is drawn on it can be seen from all sides.
+        meshcat.SetProperty(f"{path}/<object>", "modulated_opacity", 0.35)
+
+
+def set_stage(meshcat: Meshcat) -> None:
+    """Sets background, lights and camera position [m] of the cell."""
+    set_background(meshcat)
+    for light, intensity in LIGHTS.items():
+        meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
+    meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", ZOOM)
+    meshcat.SetCameraPose(CAMERA, TARGET)
+
+
+def set_background(meshcat: Meshcat) -> None:
+    """A plain light background."""
+    meshcat.SetProperty("/Background", "top_color", [0.80, 0.85, 0.90])
+    meshcat.SetProperty("/Background", "bottom_color", [0.97, 0.98, 0.99])
+    for clutter in ("/Grid", "/Axes"):
+        meshcat.SetProperty(clutter, "visible", False)

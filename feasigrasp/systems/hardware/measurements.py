@@ -1,17 +1,16 @@
-"""Publishes the images of a simulated camera as messages."""
-
-from __future__ import annotations
+"""Messages of cameras and motion capture, sent by the simulated cell and received by a station."""
 
 import zlib
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from drake import lcmt_image, lcmt_image_array
+from drake import lcmt_image, lcmt_image_array, lcmt_robot_state
 from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.lcm import DrakeLcm
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.lcm import LcmPublisherSystem
 from pydrake.systems.sensors import (
     CameraConfig,
@@ -21,9 +20,12 @@ from pydrake.systems.sensors import (
     ImageLabel16I,
 )
 
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.tracker_config import TrackerConfig, measured_pose
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.decode import pixels
-from feasigrasp.systems.ports import declare_cache, declare_input, declare_output, weakly
+from feasigrasp.systems.hardware.channels import POSE_NAMES, pixels
+from feasigrasp.systems.ports import declare_cache, declare_input, declare_output, scalar, weakly
 from feasigrasp.systems.station.station import Station
 
 
@@ -33,12 +35,8 @@ class RgbdReceiver(LeafSystem):
     .. pydrake_system::
 
         name: RgbdReceiver
-        input_ports:
-        - message
-        output_ports:
-        - depth_image
-        - label_image
-        - stamp
+        input_ports: [message]
+        output_ports: [depth_image, label_image, stamp]
 
     ``message`` is an ``lcmt_image_array``. ``depth_image`` is ``ImageDepth32F`` [m], 0 where the
     camera measured nothing, infinite where all is too far (65535 millimetres); ``label_image`` is
@@ -58,7 +56,7 @@ class RgbdReceiver(LeafSystem):
         depth, labels = ImageDepth32F(width, height), ImageLabel16I(width, height)
         declare_output(self, "depth_image", self._calc_depth, ticket, model=depth)
         declare_output(self, "label_image", self._calc_labels, ticket, model=labels)
-        self.DeclareVectorOutputPort("stamp", 1, weakly(self._calc_stamp), ticket)
+        declare_output(self, "stamp", self._calc_stamp, ticket, size=1)
 
     def _decode(self, context: Context) -> dict[int, NDArray[np.generic]]:
         """The images of the message that can be used, by pixel format."""
@@ -83,9 +81,9 @@ class RgbdReceiver(LeafSystem):
             image.mutable_data[:, :, 0] = labels
         return image
 
-    def _calc_stamp(self, context: Context, output) -> None:
+    def _calc_stamp(self, context: Context) -> float:
         message = self._message.Eval(context)
-        output.SetAtIndex(0, 1e-6 * message.header.utime if message.num_images else np.nan)
+        return 1e-6 * message.header.utime if message.num_images else np.nan
 
 
 def publish_images(
@@ -142,8 +140,7 @@ class _ImageMessage(LeafSystem):
         declare_output(self, "message", self._calc, model=lcmt_image_array())
 
     def _calc(self, context: Context) -> lcmt_image_array:
-        stamped = self._stamp.HasValue(context)
-        time = self._stamp.Eval(context)[0] if stamped else context.get_time()
+        time = scalar(self._stamp, context, context.get_time())
         message = lcmt_image_array()
         if not np.isfinite(time):  # before the first image
             return message
@@ -189,3 +186,92 @@ class _Mask(LeafSystem):
         image.mutable_data[:] = channels.MaskLabel.ROBOT * np.isin(labels, self._robot)
         image.mutable_data[labels == self._label] = channels.MaskLabel.OBJECT
         return image
+
+
+#: Time, then the pose as it is sent. Source: layout.
+_ROW = 8
+
+
+class ObjectPoseSender(LeafSystem):
+    """Publishes object poses of a simulated motion-capture system, with noise, delay and loss.
+
+    .. pydrake_system::
+
+        name: ObjectPoseSender
+        input_ports: [pose]
+        output_ports: [message]
+
+    ``pose`` is the true ``RigidTransform`` X_WO; ``message`` an ``lcmt_robot_state`` of a
+    measurement, with the time at which it was made. It stays the same where one is lost.
+    """
+
+    def __init__(self, config: TrackerConfig) -> None:
+        """A system as ``config`` describes it."""
+        super().__init__()
+        self._config = config
+        self._pose = declare_input(self, "pose", RigidTransform())
+        rows = np.full((round(config.latency / config.period) + 1) * _ROW, np.nan)
+        state = {self.discrete_state_ticket(self.DeclareDiscreteState(rows))}
+        self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, weakly(self._measure))
+        declare_output(self, "message", self._calc, state, model=lcmt_robot_state())
+
+    def _measure(self, context: Context, state) -> EventStatus:
+        rows, time = context.get_discrete_state_vector().value(), context.get_time()
+        X_WO = measured_pose(self._pose.Eval(context).GetAsMatrix4(), time, self._config)
+        row = rows[:_ROW]  # one that is lost: the same once more
+        if X_WO is not None:
+            row = np.concatenate([[time], se3.quaternions(X_WO), X_WO[:3, 3]])
+        state.get_mutable_vector().SetFromVector(np.concatenate([row, rows[:-_ROW]]))
+        return EventStatus.Succeeded()
+
+    def _calc(self, context: Context) -> lcmt_robot_state:
+        time, *values = context.get_discrete_state_vector().value()[-_ROW:]
+        return pose_message(time, np.array(values))
+
+
+class ObjectPoseReceiver(LeafSystem):
+    """The pose that a motion-capture system measured, and when.
+
+    .. pydrake_system::
+
+        name: ObjectPoseReceiver
+        input_ports: [message]
+        output_ports: [pose, stamp]
+
+    ``message`` is an ``lcmt_robot_state`` with the positions `POSE_NAMES` in that order, ``pose``
+    the ``RigidTransform`` X_WO, NaN where the message has none, ``stamp`` its time stamp, V1 [s].
+    """
+
+    def __init__(self) -> None:
+        """A receiver of one object's pose."""
+        super().__init__()
+        self._message = self.DeclareAbstractInputPort("message", Value(lcmt_robot_state()))
+        ticket = {self._message.ticket()}
+        declare_output(self, "pose", self._calc_pose, ticket, model=RigidTransform())
+        declare_output(self, "stamp", self._calc_stamp, ticket, size=1)
+
+    def _calc_pose(self, context: Context) -> RigidTransform:
+        message = self._message.Eval(context)
+        X = np.full((4, 4), np.nan)
+        if list(message.joint_name) == POSE_NAMES:
+            values = np.array(message.joint_position, dtype=float)
+            size = np.linalg.norm(values[:4])
+            if np.isfinite(values).all() and size > 0.5:
+                X = se3.make_pose(se3.rotations(values[:4] / size), values[4:])
+        return RigidTransform(X)
+
+    def _calc_stamp(self, context: Context) -> float:
+        message = self._message.Eval(context)
+        return 1e-6 * message.utime if message.num_joints else np.nan
+
+
+def pose_message(time: float, values: Array) -> lcmt_robot_state:
+    """The message of a pose that was measured at a time [s]; ``values`` as in `POSE_NAMES`.
+
+    Without a measurement yet (NaN) its time stamp is -1, which no receiver uses.
+    """
+    message = lcmt_robot_state()
+    message.utime = -1 if np.isnan(time) else round(1e6 * time)
+    message.num_joints, message.joint_name = len(POSE_NAMES), POSE_NAMES
+    message.joint_position = values.tolist()
+    return message
