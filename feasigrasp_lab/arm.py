@@ -12,8 +12,6 @@ iiwa with its hand unless they are given another model. The kernels that runs ca
 `feasigrasp.models.robot.capsule_kernels`.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The commands that this package adds to ``feasigrasp``: evaluate, bench, fit, train, report."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from feasigrasp.cli import Commands, commands_in

@@ -4,8 +4,6 @@ Each control step is written once, vectorised over components, grasps and joints
 torch: ``xp`` is either module. None of our kernels is used, so that the results check ours as well.
 """
 
-from __future__ import annotations
-
 from types import ModuleType
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Baseline sampler: hand poses of grasp diffusion, filtered by the distance field."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``feasigrasp bench all``: run all benchmarks, one after the other."""
 
-from __future__ import annotations
-
 import argparse
 from importlib import import_module
 

@@ -14,8 +14,6 @@ and the object's pose have changed; on one thread. `DIR/timings.csv` has all tim
   with damped least squares in place of the paper's network.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Callable, Iterator

@@ -8,8 +8,6 @@ On one thread; nothing is taken over from an earlier run. `DIR/timings.csv` has 
   paper's, a judgement 1 s ahead, none left out as worse than others.
 """
 
-from __future__ import annotations
-
 import argparse
 from functools import partial
 

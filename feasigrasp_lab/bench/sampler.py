@@ -7,8 +7,6 @@ and weights in torch, without what is done with its answers. Of the baseline, th
 at one pose and 100 samples are timed. Nothing is taken over from an earlier run.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterator
 from functools import partial

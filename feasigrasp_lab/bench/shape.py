@@ -4,8 +4,6 @@ Everything is timed in one go on one thread, so that what is compared ran under 
 conditions; nothing is taken over from an earlier run. `DIR/timings.csv` has all timings.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterator
 from functools import partial

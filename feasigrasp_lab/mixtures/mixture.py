@@ -3,8 +3,6 @@
 They are fitted by :mod:`feasigrasp_lab.mixtures.fit`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple

@@ -1,7 +1,5 @@
 """The paper's distance field: observed points alone, and marching by the raw distance."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from feasigrasp.models.clouds.fusion import FusedCloud

@@ -15,8 +15,6 @@ fast:
   are a hundred times slower, out of the sums.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ and a, and an invariant one for contact and width. Its weights were trained on t
 same time as those of `ContactNetwork`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import ClassVar

@@ -5,8 +5,6 @@ way that is left decreases at the rate k, the solutions' own velocity is fed for
 solutions keep their identity. All solutions are worth the same, and nothing is enforced.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -12,8 +12,6 @@ choice:
 - ``horizon`` of ``reachability.options``: none, since the paper does not look ahead.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field

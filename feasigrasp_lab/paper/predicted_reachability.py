@@ -1,7 +1,5 @@
 """Grasps of a moving object that stay reachable over the prediction horizon."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Protocol, runtime_checkable
 

@@ -7,8 +7,6 @@ Solutions are inside the limits, clear of collisions, and apart from one another
 are known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 

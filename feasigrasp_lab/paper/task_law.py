@@ -7,8 +7,6 @@ is carried along with the object's twist: without that feed-forward it lags behi
 gain.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from feasigrasp.models.arrays import Array

@@ -1,7 +1,5 @@
 """Paired runs: without one part of the system, or with another controller."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Sequence
 
 from feasigrasp.models.choices import ControlSpace

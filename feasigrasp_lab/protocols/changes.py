@@ -1,7 +1,5 @@
 """What studies change of scenarios: sensors, calibration, objects, speeds, bodies of the cell."""
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Callable, Mapping

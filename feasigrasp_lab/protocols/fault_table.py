@@ -1,7 +1,5 @@
 """Faults of ``evaluate faults``, and the words about each; docs/safety.md has the reactions."""
 
-from __future__ import annotations
-
 import dataclasses as dc
 import math
 from collections.abc import Mapping

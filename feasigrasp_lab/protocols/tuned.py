@@ -1,7 +1,5 @@
 """Runs that constants were chosen on, apart from those that none was chosen on."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fnmatch import fnmatch

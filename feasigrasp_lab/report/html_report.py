@@ -5,8 +5,6 @@ result every object and how often it was held, and the worst failures of all wit
 replays.
 """
 
-from __future__ import annotations
-
 import base64
 import html
 import re

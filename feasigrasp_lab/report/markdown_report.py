@@ -5,8 +5,6 @@ dynamic and the static evaluation get the paper's tables beside their own, and f
 summary a table of its rows. With ``--html`` it is a page as well.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Tables of the paper (arXiv 2311.02576), for comparison."""
 
-from __future__ import annotations
-
 #: Table I: mean and standard deviation of the static grasps that succeeded, over objects [%].
 #: Source: paper: Table I.
 TABLE_1 = (90.00, 11.49)

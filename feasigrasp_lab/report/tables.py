@@ -1,7 +1,5 @@
 """Tables of a summary as Markdown: the paper's figures beside ours, curves, causes, objects."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Common arguments of commands, and their serialization."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 import sys

@@ -1,7 +1,5 @@
 """Finished work units, for the resumption of a command."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence

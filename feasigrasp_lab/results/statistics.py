@@ -1,7 +1,5 @@
 """Statistics of repeated runs and of scores, with confidence intervals."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Timing of functions, and result rows of ``feasigrasp bench``."""
 
-from __future__ import annotations
-
 import argparse
 import statistics
 import time

@@ -1,7 +1,5 @@
 """Plan of the runs of ``evaluate faults``, and their outcomes."""
 
-from __future__ import annotations
-
 import argparse
 import copy
 import dataclasses as dc

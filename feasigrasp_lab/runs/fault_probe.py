@@ -1,7 +1,5 @@
 """Probes of fault runs: leaks of ground truth, and the time until rest."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Sequence
 from typing import NamedTuple

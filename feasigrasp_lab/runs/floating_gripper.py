@@ -4,8 +4,6 @@ Cheap (well under a second of processor time each) and a screening only: an arm 
 approach and the object's own motion are not in it. The contact model is that of the dynamic runs.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Network impairment between two message buses: delay, loss, other senders, clock steps."""
 
-from __future__ import annotations
-
 import heapq
 import itertools
 import os

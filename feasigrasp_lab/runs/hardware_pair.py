@@ -1,7 +1,5 @@
 """A simulated cell and its controller as two processes, with process faults."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

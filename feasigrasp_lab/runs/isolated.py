@@ -5,8 +5,6 @@ process along: one process per run settles both. The processes are forked from o
 imported everything and built a diagram before, which saves each of them several seconds.
 """
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import multiprocessing.connection

@@ -6,8 +6,6 @@ and the arm is wherever the drive wants it. What is left out is what a controlle
 on: contact, the arm's own dynamics, and what the camera happens to see. Three laps take seconds.
 """
 
-from __future__ import annotations
-
 import dataclasses as dc
 from collections.abc import Callable
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Runs a plan and reports its results, complete or not."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Studies of the dynamic evaluation: runs and changes of each."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

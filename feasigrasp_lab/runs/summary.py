@@ -1,7 +1,5 @@
 """Aggregates of many runs: the rows of ``evaluate dynamic``."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path

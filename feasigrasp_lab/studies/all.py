@@ -4,8 +4,6 @@
 again once its ``summary.json`` is there; repeated, the command goes on where it was.
 """
 
-from __future__ import annotations
-
 import argparse
 import shlex
 import subprocess

@@ -5,8 +5,6 @@ own: repeated, the command goes on where it was. What it was measured under is p
 ``conditions`` of ``summary.json``.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from typing import Any

@@ -5,8 +5,6 @@ several objects; before them the same runs without a fault, which give the time 
 Every run is a file of its own: repeated, the command goes on where it was.
 """
 
-from __future__ import annotations
-
 import argparse
 import copy
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ Writes ``DIR/index.html``, with every replay as ``DIR/<name>.html`` and the reco
 page gets a picture of every replay.
 """
 
-from __future__ import annotations
-
 import argparse
 import html
 from collections.abc import Sequence

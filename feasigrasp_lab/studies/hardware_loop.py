@@ -7,8 +7,6 @@ on it, or a driver's clock that is set; beside them the same runs in one process
 simulator's process.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ Forward kinematics, Jacobian and self-collision are compared with Drake's plant 
 inverse kinematics with forward kinematics.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

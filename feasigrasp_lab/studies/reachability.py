@@ -4,8 +4,6 @@ Presets ``rmm`` and ``rmm-paper`` are the packaged spaces, the second with as ma
 fitted to the same draws, as the paper's.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``feasigrasp evaluate rollout``: follow objects without physics, to tune controllers."""
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import time

@@ -9,8 +9,6 @@ each figure means is written in docs/results_schema.md. A command that was inter
 its last object.
 """
 
-from __future__ import annotations
-
 import argparse
 import zlib
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 A command that was interrupted goes on after its last object.
 """
 
-from __future__ import annotations
-
 import argparse
 from copy import deepcopy
 from operator import itemgetter

@@ -6,8 +6,6 @@ while it turns, and completed by the ``paper`` preset and by the ``default`` one
 last object.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import zlib

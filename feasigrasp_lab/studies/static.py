@@ -6,8 +6,6 @@ Objects without a true grasp for the hand are named beside the table, with the r
 a file of its own: repeated, the command goes on where it was.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import math

@@ -9,8 +9,6 @@ poses ``X`` (m, 4, 4) of every image, or every second one and so on, may lie the
 or the world's frame, in a file ``*poses*.npz``; then no other images are looked at.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from dataclasses import asdict, replace

@@ -5,8 +5,6 @@ on every error is the tracker's. A pose is judged by the mean distance of the su
 pose from that at the true one (ADD-S, by the mesh itself).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -5,8 +5,6 @@ points, the pose expected from the last two, and a model that grows by the same 
 fused in voxels as ours is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Protocol

@@ -6,8 +6,6 @@ set against the verdicts of the true meshes; the logistic coefficients that expl
 those of `feasigrasp.models.grasps.success_probability`.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 

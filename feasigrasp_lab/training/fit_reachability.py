@@ -10,8 +10,6 @@ is left has, at every pose, a density proportional to the self-motion that the a
 without singular crowds.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from enum import StrEnum

@@ -9,8 +9,6 @@ Compared with `fit_riemannian_mixture`, which is for tens to thousands of poses:
 means per pass instead of several (the fixed points are the same), and a first fit to a subset.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ on as if it had not been: the same command resumes it. ``checkpoint.pt`` is what
 ``curve.csv`` has one line for every evaluation, ``run.json`` says what made it.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import math

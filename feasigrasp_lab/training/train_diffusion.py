@@ -6,8 +6,6 @@ score matching on SE(3). Families of shapes that are held out judge; start the s
 resume.
 """
 
-from __future__ import annotations
-
 import argparse
 from functools import partial
 from pathlib import Path

@@ -7,8 +7,6 @@ trains `feasigrasp_lab.training.train_hidden_side` on them. Whole families are h
 start the same command again to resume.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import math

@@ -4,8 +4,6 @@ Every batch is drawn anew: configurations uniform inside the limits and free of 
 their flange poses. Start the same command again to resume.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Sequence

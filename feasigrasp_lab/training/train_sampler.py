@@ -5,8 +5,6 @@ points. Families of shapes that are held out are never trained on: they judge. W
 exported and shipped are the running means of the weights; start the same command again to resume.
 """
 
-from __future__ import annotations
-
 import argparse
 import copy
 import math

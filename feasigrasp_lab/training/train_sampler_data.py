@@ -6,8 +6,6 @@ its seed alone: more objects later continue it, and a command that was interrupt
 last shard. One object in eight is of a family that is held out.
 """
 
-from __future__ import annotations
-
 import argparse
 from functools import partial
 from pathlib import Path

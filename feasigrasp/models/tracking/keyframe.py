@@ -1,7 +1,5 @@
 """Keyframes: selection of the views that are merged into the model."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

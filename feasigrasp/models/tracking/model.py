@@ -1,7 +1,5 @@
 """Shape model of a tracker: distance field, observed part, information of a registered pose."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 

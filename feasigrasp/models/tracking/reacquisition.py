@@ -1,7 +1,5 @@
 """Relocalization of an object after a gap, from many starting poses."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

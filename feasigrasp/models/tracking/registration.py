@@ -24,8 +24,6 @@ Medioni, "Object modelling by registration of multiple range images", 1992; Turk
 polygon meshes from range images", 1994.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypedDict
 

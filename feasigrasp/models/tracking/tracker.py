@@ -9,8 +9,6 @@ tracked one: merging does not move O. An object that is in sight as a whole for 
 pose, is begun anew: what was learnt of it is wrong, or was not its side.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Annotated

@@ -4,8 +4,6 @@ The second is not in the points: pixels that show something behind the object, s
 no part of it can be there.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import Annotated, Any

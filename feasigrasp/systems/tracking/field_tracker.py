@@ -1,7 +1,5 @@
 """Tracks an object with the robot's own camera, by its distance field."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """Fits the distance field to the keyframes of a tracker."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

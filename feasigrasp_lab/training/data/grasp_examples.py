@@ -5,8 +5,6 @@ while it turns, the views are fused with the tracker's error, and the distance f
 surface. One in five is the true surface instead. Labels come from the true mesh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

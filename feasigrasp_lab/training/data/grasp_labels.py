@@ -7,8 +7,6 @@ A label answers for the grasp that starts at a point with a closing direction b 
 the hand's camera may be on either side (b and -b are the same grasp, seen from its two contacts).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple

@@ -5,8 +5,6 @@ at both faces that the pads meet first, and if the whole open hand (fingers, pal
 solid boxes) is clear of the surface.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

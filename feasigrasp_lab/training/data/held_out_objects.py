@@ -1,7 +1,5 @@
 """Held-out objects and seeds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tqdm import tqdm

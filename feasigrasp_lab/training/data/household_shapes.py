@@ -6,8 +6,6 @@ are never trained on (`HELD_OUT`), so that they show whether a network has learn
 grasps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

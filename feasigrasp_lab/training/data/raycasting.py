@@ -1,7 +1,5 @@
 """Rays cast at a triangle mesh, and distances from it, by Open3D on one thread."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ Every function returns a closed `manifold3d.Manifold` in metres. Only the genera
 this.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

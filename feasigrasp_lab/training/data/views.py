@@ -1,7 +1,5 @@
 """Partial views of a mesh: ray casting, sensor noise, masking."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
