@@ -87,12 +87,19 @@ def compose_yaml(text: str, error: type[FeasigraspError]) -> yaml.MappingNode:
 
 
 def _check_once(node: yaml.Node, seen: set[int], error: type[FeasigraspError]) -> None:
-    """Refuses keys that are given twice in one mapping, and merged lists of mappings.
+    """Refuses keys given twice in one mapping, merged lists of mappings, and numbers like 010.
 
     Of a key that several of a list give, PyYAML takes the first one's value until 6.0.3, as YAML
     says, and from then on the last one's.
     """
-    if id(node) in seen or isinstance(node, yaml.ScalarNode):
+    if isinstance(node, yaml.ScalarNode):
+        if (read := _read_as(node)) is not None:
+            raise error(
+                f"{node.value} in line {node.start_mark.line + 1} is read by YAML as {read:g}; "
+                "give a decimal number without zeros in front"
+            )
+        return
+    if id(node) in seen:
         return
     seen.add(id(node))
     if isinstance(node, yaml.SequenceNode):
@@ -116,3 +123,15 @@ def _check_once(node: yaml.Node, seen: set[int], error: type[FeasigraspError]) -
                 "Merge one mapping, and let that one merge the next"
             )
         _check_once(value, seen, error)
+
+
+def _read_as(node: yaml.ScalarNode) -> float | None:
+    """What YAML makes of a number that it reads as no decimal one, e.g. 8 of 010; else None."""
+    if not node.tag.endswith((":int", ":float")):
+        return None
+    read: float = yaml.safe_load(node.value)
+    try:
+        decimal = float(node.value)
+    except ValueError:  # .inf and .nan are as they look
+        return read if np.isfinite(read) else None
+    return read if decimal != read else None

@@ -12,7 +12,7 @@ recording (``pip install mcap-ros2-support``).
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from math import inf
 from pathlib import Path
@@ -90,7 +90,14 @@ def opened(args: argparse.Namespace) -> Iterator[tuple[CameraInfo, Iterator[Dept
                 f"--camera {args.camera}: {error}; name what is called and entered as "
                 "feasigrasp.recordings.recorder.realsense is, and gives what that gives"
             ) from error
-        yield info, images
+        yield info, _frames(args.camera, images)
+
+
+def _frames(camera: str, images: Iterable[DepthFrame]) -> Iterator[DepthFrame]:
+    for image in images:
+        if not isinstance(image, DepthFrame):
+            raise HardwareError(f"--camera {camera} gave {type(image).__name__}, not a DepthFrame")
+        yield image
 
 
 def main(args: argparse.Namespace) -> int:

@@ -159,11 +159,6 @@ def check_keys(node: yaml.Node, kind: typing.Any, path: tuple[str, ...] = ()) ->
     if kind in _SCALARS:
         if not _is_scalar(node, kind):
             raise ScenarioError(f"{shown} is {_text(node)}; give {_SCALARS[kind]} {where}")
-        if (read := _read_as(node)) is not None:
-            raise ScenarioError(
-                f"{shown} is {_text(node)}, which YAML reads as {read:g}; give a decimal number "
-                f"without zeros in front {where}"
-            )
     elif fields := members(kind):
         if not isinstance(node, yaml.MappingNode):
             raise ScenarioError(
@@ -255,18 +250,6 @@ def _is_scalar(node: yaml.Node, kind: type) -> bool:
         return True
     allowed = {float: ("float", "int"), int: ("int",), bool: ("bool",), str: ("str",)}
     return tag in allowed[kind]
-
-
-def _read_as(node: yaml.Node) -> float | None:
-    """What YAML makes of a number that it reads as no decimal one, e.g. 8 of 010; else None."""
-    if node.tag.removeprefix(_TAG) not in ("int", "float"):
-        return None
-    read: float = yaml.safe_load(node.value)
-    try:
-        decimal = float(node.value)
-    except ValueError:  # .inf and .nan are as they look
-        return read if np.isfinite(read) else None
-    return read if decimal != read else None
 
 
 def _text(node: yaml.Node) -> str:

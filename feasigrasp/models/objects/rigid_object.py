@@ -276,7 +276,10 @@ def _read_catalogue(folder: Path) -> dict[str, _Entry]:
         listed = content.get("objects") if isinstance(content, dict) else None
         keys = {"name", "mesh"}
         if isinstance(listed, list) and all(isinstance(e, dict) and keys <= set(e) for e in listed):
-            return {str(entry["name"]): _Entry.of(file, entry) for entry in listed}
+            names = [str(entry["name"]) for entry in listed]
+            if twice := [name for name in names if names.count(name) > 1]:
+                raise MeshError(f"{file} lists two objects named '{twice[0]}'; rename one")
+            return {name: _Entry.of(file, e) for name, e in zip(names, listed, strict=True)}
         if file.name == "objects.json":  # no other file that happens to lie there
             raise MeshError(f"{file} lists no objects: {wrong}")
     return {}

@@ -297,6 +297,14 @@ def test_a_broken_catalogue_is_not_passed_over(tmp_path, text):
         find_objects(tmp_path)
 
 
+def test_a_catalogue_names_each_object_once(tmp_path):
+    save(box(), tmp_path / "cube.obj")
+    entry = {"name": "cube", "mesh": "cube.obj"}
+    (tmp_path / "objects.json").write_text(json.dumps({"objects": [entry, entry]}))
+    with pytest.raises(MeshError, match="objects.json lists two objects named 'cube'; rename one"):
+        find_objects(tmp_path)
+
+
 def test_an_object_has_a_color_that_there_is():
     with pytest.raises(MeshError, match="RigidObject.color"):
         replace(load_object("ball"), color=(0.0, 0.0, 0.0, 2.0))

@@ -60,11 +60,18 @@ def test_a_mistake_in_the_file_of_an_arm_is_named(keys, value, message, tmp_path
         load_arm(str(file))
 
 
-def test_a_key_that_is_given_twice_is_named(tmp_path):
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("kp: 3200.0\n  kp: 320.0", "the key 'kp' is given twice, in line 19"),
+        ("kp: 010", "010 in line 19 is read by YAML as 8"),
+    ],
+)
+def test_what_yaml_reads_otherwise_is_named(given, message, tmp_path):
     file = tmp_path / "arm.yaml"
     text = model_path("arms", "panda.yaml").read_text()
-    file.write_text(text.replace("kp: 3200.0", "kp: 3200.0\n  kp: 320.0", 1))
-    with pytest.raises(ScenarioError, match=r"arm.yaml: the key 'kp' is given twice, in line 19"):
+    file.write_text(text.replace("kp: 3200.0", given, 1))
+    with pytest.raises(ScenarioError, match=rf"arm.yaml: {message}"):
         load_arm(str(file))
 
 
