@@ -95,7 +95,7 @@ def _check_once(node: yaml.Node, seen: set[int], error: type[FeasigraspError]) -
     if isinstance(node, yaml.ScalarNode):
         if (read := _read_as(node)) is not None:
             raise error(
-                f"{node.value} in line {node.start_mark.line + 1} is read by YAML as {read:g}; "
+                f"line {node.start_mark.line + 1} has {node.value}, which YAML reads as {read:g}; "
                 "give a decimal number without zeros in front"
             )
         return

@@ -83,13 +83,15 @@ def _log(checkout: Path, words: str) -> Path:
 def main() -> int:
     """Runs the command."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("revision", help="the older revision")
-    revision, head = _short(parser.parse_args().revision), _short("HEAD")
     content, differ = yaml.safe_load(RUNS.read_text()), False
+    parser.add_argument("revision", help="the older revision")
+    parser.add_argument("--kind", choices=content["runs"], help="the only kind of runs")
+    args = parser.parse_args()
+    revision, head = _short(args.revision), _short("HEAD")
     with _checkout(revision) as then, _checkout(head) as now:
-        for kind, runs in content["runs"].items():
+        for kind in [args.kind] if args.kind else content["runs"]:
             found = []
-            for words in runs:
+            for words in content["runs"][kind]:
                 found += (differs := differences(_log(now, words), _log(then, words)))
                 print(f"{words}: {', '.join(differs) or 'the same'}", flush=True)
             if not found:

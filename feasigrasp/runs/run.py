@@ -316,6 +316,7 @@ def measured(
     metrics = summarize(
         samples,
         closes=scenario.grasp.close,
+        lift=scenario.grasp.lift[2],
         ticks=JointTicks(
             *(sent, log("velocity")[1].T, scenario.control.period, station.plant.time_step()),
             arm=station.arm,

@@ -341,5 +341,5 @@ def test_every_choice_is_one_of_the_schema():
 @pytest.mark.parametrize("text", ["010", "1:30", "0x10"])
 def test_a_number_that_yaml_reads_as_another_one_is_refused(text):
     """YAML 1.1 reads 010 as 8 and 1:30 as 90."""
-    with pytest.raises(ScenarioError, match=f"{text} in line 1 is read by YAML as"):
+    with pytest.raises(ScenarioError, match=f"line 1 has {text}, which YAML reads as"):
         load_scenario("ReachLinear", f"{{object: {{mass: {text}}}}}")

@@ -9,8 +9,9 @@ configurations; the one of least cost counts::
 
     cost = interception time + lack max(0, enough - duration) + strain max(0, a - easy)
 
-with the largest share ``a`` of the acceleration limits on the path. A good score of the grasp makes
-up for some of it.
+with the largest share ``a`` of the acceleration limits on the path. A hand that could not lift the
+object from where the path has been followed to lacks a second. A good score of the grasp makes up
+for some of it.
 """
 
 from dataclasses import dataclass
@@ -92,6 +93,7 @@ class InterceptionOptions:
         harder: Likewise for acceleration.
         way_in: Distance behind the grasp that must be inside the joint limits as well [m].
         score: What a factor e in score is worth [s]; the prototype's choice.
+        lift: Displacement of the hand that lifts the object, in the world [m].
     """
 
     step: Positive = 0.125
@@ -108,6 +110,7 @@ class InterceptionOptions:
     harder: Positive = 1.3
     way_in: NotNegative = 0.05
     score: NotNegative = 0.3
+    lift: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Checks the numbers.
@@ -239,6 +242,7 @@ def find_interceptions(
         np.array(now.v, dtype=float),
         se3.inverse(reachability.gripper.X_FG),
         reachability.search,
+        np.array(options.lift, dtype=float),
         options.record,
     )
     bound = (-1, 0.0) if present is None else present
@@ -256,6 +260,7 @@ class _Ahead(NamedTuple):
     v: Array
     X_GF: Array
     search: Search
+    lift: Array
     options: NDArray[np.void]
 
 
@@ -359,6 +364,11 @@ def _cost_kernel(ahead, k, X_OG, there, branch, psi, v_there):
     if not inside_limits_kernel(chain, behind, ahead.search.limit_margin):
         return np.inf, np.inf
     lack = max(0.0, o.enough - o.step * steps)
+    flange_pose_kernel(ahead.X_WO[k + steps], X_OG, 0.0, ahead.X_GF, X_WF)
+    X_WF[:3, 3] += ahead.lift
+    lifted = solve_kernel(chain, X_WF, branch, psi, behind)
+    if not (lifted and inside_limits_kernel(chain, behind, ahead.search.limit_margin)):
+        lack += 1.0
     arrival = due + late if late > _IN_TIME else due
     return arrival + o.lack * lack + o.strain * max(0.0, hardest - o.easy), arrival
 

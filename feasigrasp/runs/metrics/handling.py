@@ -13,6 +13,8 @@ HELD_FOR = 2.0
 #: ... was closer than this to where it was in the hand when it was let go [m], [rad]. Source:
 #: definition.
 HELD_DISTANCE, HELD_ANGLE = 0.01, np.deg2rad(15.0)
+#: It has risen by this share of the commanded lift at least. Source: definition.
+HELD_LIFT = 0.5
 #: The object starts at rest and has caught up with its path after this time [s]. Source: guessed.
 ON_PATH_AFTER = 0.3
 
@@ -114,22 +116,23 @@ def contact_metrics(contact: Array) -> dict[str, float | None]:
 
 
 def hold_metrics(
-    X_HO: Array, p_WO: Array, phase: Array, period: float
+    X_HO: Array, p_WO: Array, phase: Array, period: float, lift: float = 0.0
 ) -> dict[str, float | bool | None]:
-    """Whether the object stayed in the hand after it was let go.
+    """Whether the object was lifted and stayed in the hand after it was let go.
 
     Args:
         X_HO: True pose of the object in the hand, shape (n, 4, 4) [m].
         p_WO: Its origin in the world, z up, shape (n, 3) [m].
         phase: The `Phase`, shape (n,).
         period: Time between samples [s].
+        lift: Commanded rise [m]; 0 if there is none.
 
     Returns:
         ``slip_mm``, ``turn_deg``: the largest displacement of the object's origin in the hand, and
         the largest rotation, since the object was let go, and ``lift_cm``: how much higher it ended
         than where it was let go; None if it never was. ``grasp_held``: whether the sequence went to
-        its end and the object was at its place for the last `HELD_FOR` seconds; ``held_after_s``:
-        if so, when it was let go.
+        its end, and the object has risen by `HELD_LIFT` of the commanded lift and was at its place
+        for the last `HELD_FOR` seconds; ``held_after_s``: if so, when it was let go.
     """
     released = phase > Phase.CLOSE
     if not released.any():
@@ -140,13 +143,14 @@ def hold_metrics(
     distance, angle = _displacement(X_HO[start:], X_HO[start])
     last = slice(-1 - round(HELD_FOR / period), None)
     kept = np.all((distance[last] < HELD_DISTANCE) & (angle[last] < HELD_ANGLE))
-    held = bool(phase[-1] == Phase.DONE and kept)
+    rise = float(p_WO[-1, 2] - p_WO[start, 2])
+    held = bool(phase[-1] == Phase.DONE and kept and (lift <= 0.0 or rise >= HELD_LIFT * lift))
     return {
         "grasp_held": held,
         "held_after_s": start * period if held else None,
         "slip_mm": 1e3 * float(distance.max()),
         "turn_deg": float(np.rad2deg(angle.max())),
-        "lift_cm": 100.0 * float(p_WO[-1, 2] - p_WO[start, 2]),
+        "lift_cm": 100.0 * rise,
     }
 
 

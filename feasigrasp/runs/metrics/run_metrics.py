@@ -91,6 +91,7 @@ def summarize(
     samples: Array,
     *,
     closes: bool,
+    lift: float = 0.0,
     ticks: JointTicks | None = None,
     obstacle_distance: Array | None = None,
     truth: ObjectTruth | None = None,
@@ -100,6 +101,7 @@ def summarize(
     Args:
         samples: One row per entry of `SAMPLE_NAMES`, one column per sample, shape (s, n).
         closes: Whether the scenario closes the gripper; if not, ``grasp_held`` is None.
+        lift: Commanded rise of an object that is held [m]; 0 if there is none.
         ticks: Joint positions at the control rate; without them, speeds are those of the samples
             and there is nothing to say about accelerations.
         obstacle_distance: Distance of the arm to its surroundings at some times [m], shape (k,).
@@ -153,9 +155,9 @@ def summarize(
         result |= displaced_metrics(X_WO, truth.path, closing)
         result["closing_speed_m_s"] = closing_speed(truth.path, x["phase"], SAMPLE_PERIOD)
     if closes:
-        result |= hold_metrics(se3.inverse(X_OH), p_WO, x["phase"], SAMPLE_PERIOD)
+        result |= hold_metrics(se3.inverse(X_OH), p_WO, x["phase"], SAMPLE_PERIOD, lift)
         if not result["grasp_held"] or (truth is not None and truth.broke_off):
-            result |= not_held(cause_of(Course(x, truth, pushed.get("pushed_mm"))))
+            result |= not_held(cause_of(Course(x, truth, pushed.get("pushed_mm"), lift)))
     for axis, value in zip("xyz", p_WO[-1], strict=True):
         result[f"object_end_{axis}_m"] = float(value)
     return result

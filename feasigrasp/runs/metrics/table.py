@@ -127,8 +127,9 @@ def _end(axis: str) -> Metric:
 # fmt: off
 METRICS: dict[str, Metric] = {
     "grasp_held": Metric(_GRASP, "bool", "grasp success",
-        "lift, shake and hold are complete, and over the last 2 s the object is within 1 cm and "
-        "15° of its pose in the hand at release; null if the gripper stays open", averaged=False,
+        "lift, shake and hold are complete, the object has risen by half of the lift, and is over "
+        "the last 2 s within 1 cm and 15° of its pose in the hand at release; null if the gripper "
+        "stays open", averaged=False,
         rows=(Figure("held_percent", Over.SHARE, "grasp success"),)),
     "held_after_s": Metric(_GRASP, "s", "time to release",
         "of runs with grasp success"),

@@ -87,7 +87,9 @@ def _interception(scenario: Scenario) -> InterceptionOptions:
     """What can be followed at the arm's speed, scores counted if the scenario says so."""
     config, default = scenario.control, InterceptionOptions
     return InterceptionOptions(
-        velocity=config.speed * default.velocity, score=default.score if config.score else 0.0
+        velocity=config.speed * default.velocity,
+        score=default.score if config.score else 0.0,
+        lift=tuple(scenario.grasp.lift) if scenario.grasp.close else default.lift,
     )
 
 

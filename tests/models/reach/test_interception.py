@@ -1,9 +1,12 @@
 """Least times against the set of reachable ways; interceptions against forward kinematics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.ik.continuation import branch_kernel, redundancy_kernel
 from feasigrasp.models.objects.prediction import PredictionModel
 from feasigrasp.models.reach.interception import (
     InterceptionOptions,
@@ -26,10 +29,20 @@ def reachability():
     return Reachability()
 
 
-def interceptions(reachability, X_OG, V_WO=STILL, *, X_WO=X_WO, score=1.0, present=None, **motion):
+def interceptions(
+    reachability,
+    X_OG,
+    V_WO=STILL,
+    *,
+    X_WO=X_WO,
+    score=1.0,
+    present=None,
+    lift=OPTIONS.lift,
+    **motion,
+):
     """Interceptions of grasps of one score by an arm at Q, at rest."""
-    now = Situation(0.0, Q, np.zeros(7), X_WO, V_WO, **motion)
-    return find_interceptions(X_OG, np.full(len(X_OG), score), now, reachability, OPTIONS, present)
+    now, options = Situation(0.0, Q, np.zeros(7), X_WO, V_WO, **motion), replace(OPTIONS, lift=lift)
+    return find_interceptions(X_OG, np.full(len(X_OG), score), now, reachability, options, present)
 
 
 def grasp_at(reachability, q):
@@ -68,6 +81,23 @@ def test_a_resting_grasp_is_intercepted_where_it_is(reachability):
     least = max(map(least_time_kernel, found.q[0] - Q, 0.0 * Q, 0.0 * Q, speed, acceleration))
     assert least <= found.arrival[0] + 0.04
     assert found.arrival[0] < least + 2.0 * OPTIONS.step
+
+
+@pytest.mark.parametrize("rise", np.linspace(0.0, 0.6, 7))
+def test_what_cannot_be_lifted_lacks_a_second(reachability, rise):
+    """At its branch and arm angle, judged by the closed form of any."""
+    X_OG, lift = grasp_at(reachability, Q + 0.2), (0.0, 0.0, rise)
+    present = branch_kernel(IIWA_7.chain, Q + 0.2), redundancy_kernel(IIWA_7.chain, Q + 0.2)
+    kept = interceptions(reachability, X_OG, present=present)
+    found = interceptions(reachability, X_OG, present=present, lift=lift)
+    up = se3.make_pose(np.eye(3), lift) @ X_WO @ X_OG
+    _, times = reachability.nearest(up, Q + 0.2)
+    lacks = found.cost[0] - kept.cost[0]
+    assert lacks == pytest.approx(0.0) or lacks == pytest.approx(OPTIONS.lack)
+    if lacks == 0.0:  # then there is a configuration up there
+        assert np.isfinite(times[0])
+    assert (rise > 0.0) or lacks == 0.0
+    assert (rise < 0.6) or lacks > 0.0
 
 
 @pytest.mark.parametrize("w", [0.5, -1.5])

@@ -64,7 +64,7 @@ def test_a_mistake_in_the_file_of_an_arm_is_named(keys, value, message, tmp_path
     ("given", "message"),
     [
         ("kp: 3200.0\n  kp: 320.0", "the key 'kp' is given twice, in line 19"),
-        ("kp: 010", "010 in line 19 is read by YAML as 8"),
+        ("kp: 010", "line 19 has 010, which YAML reads as 8"),
     ],
 )
 def test_what_yaml_reads_otherwise_is_named(given, message, tmp_path):

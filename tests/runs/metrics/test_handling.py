@@ -171,6 +171,14 @@ def test_a_sequence_that_did_not_end_holds_nothing(last):
     assert (told["slip_mm"] is None) == (last == Phase.CLOSE) == (told["lift_cm"] is None)
 
 
+@pytest.mark.parametrize(("rise", "holds"), [(0.049, False), (0.051, True)])
+def test_an_object_that_is_not_lifted_is_not_held(rise, holds):
+    p_WO = np.zeros((END, 3))
+    p_WO[:, 2] = np.interp(np.arange(END), [RELEASED, END - 1], [0.5, 0.5 + rise])
+    assert hold_metrics(in_hand(), p_WO, PHASE, PERIOD, 0.1)["grasp_held"] is holds
+    assert hold_metrics(in_hand(), p_WO, PHASE, PERIOD, 0.0)["grasp_held"] is True
+
+
 def test_lift_is_the_rise_since_the_object_was_let_go():
     p_WO = np.zeros((END, 3))
     p_WO[:, 2] = np.interp(np.arange(END), [0, RELEASED, END - 1], [0.2, 0.5, 0.59])

@@ -236,15 +236,17 @@ def _shifted(before: HorizonPlan, now: Situation, options: ProgramOptions) -> Ar
 
 
 def _committed(before: HorizonPlan, now: Situation, X_OG: Array, chain: Array) -> HorizonPlan:
-    """The plan before with the grasp that the hand closes on, in the present configuration."""
-    plan = replace(before, time=now.time, arrival=now.time)
+    """The plan before with the grasp that the hand closes on, in the present configuration.
+
+    A hand that cannot follow any more stays where it is.
+    """
+    q = np.array(now.q)
+    plan = replace(before, time=now.time, arrival=now.time, q=q, v_arrival=np.zeros(len(q)))
     if before.X_OG is not None and np.array_equal(X_OG, before.X_OG):
         X_OG, branch, psi, penalty = before.near
         return replace(plan, near=Neighbours(X_OG[:1], branch[:1], psi[:1], penalty[:1]))
-    q = np.array(now.q)
     branch, psi = np.array([branch_kernel(chain, q)]), np.array([redundancy_kernel(chain, q)])
-    near = Neighbours(np.array(X_OG)[None], branch, psi, np.zeros(1))
-    return replace(plan, near=near, q=q, v_arrival=np.zeros(len(q)))
+    return replace(plan, near=Neighbours(np.array(X_OG)[None], branch, psi, np.zeros(1)))
 
 
 def _selected(

@@ -70,6 +70,18 @@ class Selection:
         return self.plan.X_OG
 
 
+def test_a_committed_hand_that_cannot_follow_any_more_stays_where_it_is():
+    """Not back to where it closed, which is where the plan before led."""
+    offered, joint = grasps(X_OG), ControlSpace.JOINT
+    plan = planned(HorizonPlan(), at(q=Q_GRASP), offered, space=joint, committed=True)
+    q, v = Q_GRASP + 0.2, np.zeros(7)
+    for k in range(1, 60):
+        now = replace(at(k * STEP, q, FAR), v=v)
+        plan = planned(plan, now, offered, space=joint, committed=True)
+        q, v = q + 0.5 * STEP * (v + plan.v[1]), plan.v[1]
+    np.testing.assert_allclose(q, Q_GRASP + 0.2, atol=1e-3)
+
+
 @dataclass(frozen=True)
 class Known:
     """A motion that is known exactly."""
