@@ -110,7 +110,7 @@ class InterceptionOptions:
     harder: Positive = 1.3
     way_in: NotNegative = 0.05
     score: NotNegative = 0.3
-    lift: tuple[float, ...] = (0.0, 0.0, 0.0)
+    lift: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Checks the numbers.

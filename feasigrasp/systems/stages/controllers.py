@@ -86,10 +86,11 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
 def _interception(scenario: Scenario) -> InterceptionOptions:
     """What can be followed at the arm's speed, scores counted if the scenario says so."""
     config, default = scenario.control, InterceptionOptions
+    x, y, z = scenario.grasp.lift if scenario.grasp.close else default.lift
     return InterceptionOptions(
         velocity=config.speed * default.velocity,
         score=default.score if config.score else 0.0,
-        lift=tuple(scenario.grasp.lift) if scenario.grasp.close else default.lift,
+        lift=(x, y, z),
     )
 
 

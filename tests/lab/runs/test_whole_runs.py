@@ -12,9 +12,8 @@ from feasigrasp.systems.metrics import SAMPLE_NAMES
 FILE = diagram_path("dynamic.scenarios.yaml")
 
 
-def whole_run(friction, grasp="{}"):
-    model = f"{{model: soup_can, friction: {friction}}}"
-    text = f"{{random_seed: 1, object: {model}, grasp: {grasp}}}"
+def whole_run(friction):
+    text = f"{{random_seed: 1, object: {{model: soup_can, friction: {friction}}}}}"
     return run(load_scenario(FILE, "ReachLinearMocap", text), "ReachLinearMocap")
 
 
@@ -68,7 +67,7 @@ def test_grasps_are_as_old_as_views_and_holds_make_them(held):
 
 
 def test_an_object_too_slippery_to_hold_is_not_held():
-    slippery = whole_run(0.01, "{shake_time: 0.0, hold_time: 1.0}").record
+    slippery = whole_run(0.01).record
     metrics = slippery["metrics"]
     assert slippery["error"] is None
     assert metrics["grasp_held"] is False
