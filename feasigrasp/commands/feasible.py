@@ -97,7 +97,7 @@ def main(args: argparse.Namespace) -> int:
     q = np.deg2rad(args.q or bent)
     if len(q) != arm.joints or not np.abs(q).max() <= CONFIGURATION.most[0]:
         given = " ".join(f"{angle:g}" for angle in args.q)
-        raise InputError(f"--q is {given}; give {arm.joints} angles in degrees, up to four turns")
+        raise InputError(f"--q is {given}; give {arm.joints} angles in degrees, up to 2.5 turns")
     V_WO = np.array([0.0, 0.0, 0.0, *args.velocity])
     now = Situation(0.0, q, np.zeros(arm.joints), _pose(args.camera_pose), V_WO)
     if not now.known:

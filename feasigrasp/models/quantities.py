@@ -239,7 +239,7 @@ class Number:
 
 
 # A UR's joints go to a whole turn either way, and drives without limits far beyond.
-_DEGREES = (8.0 * pi, ", more than four turns: are these degrees? Give radians")
+_DEGREES = (5.0 * pi, ", more than 2.5 turns: are these degrees? Give radians")
 #: Joint positions of an arm; those of one instant, one that is chosen; and velocities. Not finite
 #: where the state is unknown.
 JOINTS = ArrayOf(("...", "joints"), "rad", finite=False, most=_DEGREES)

@@ -166,7 +166,7 @@ def pose_and_jacobian(
         [angular; linear] at the tool origin, expressed in the world. NaN positions give NaN.
 
     Raises:
-        ArgumentError: ``q`` or ``X_FT`` has another shape; more than four turns (degrees?), or no
+        ArgumentError: ``q`` or ``X_FT`` has another shape; more than 2.5 turns (degrees?), or no
             pose.
     """
     q = arm.positions(q)

@@ -216,7 +216,7 @@ class SafetyFilter(Frozen):
 
         Raises:
             ControlError: An argument of another type or shape, J without V or V without J, or a
-                joint that is more than four turns from zero (degrees?).
+                joint that is more than 2.5 turns from zero (degrees?).
         """
         bodies: dict[str, Any] = {"qd_last": qd_last, "obstacles": obstacles, "moving": moving}
         matrix, vector, n_hard = self.problem(q, qd_preferred, J, V, **bodies)
