@@ -21,14 +21,14 @@ PREFIX, COLOR = "/drake/ghost", Rgba(0.45, 0.25, 0.85, 0.35)
 
 
 class Ghost(NamedTuple):
-    """A way of the arm: times (n,) [s], and joint positions (n, 7) [rad] at them."""
+    """Trajectory of the arm: times (n,) [s], and joint positions (n, 7) [rad] at them."""
 
     times: Array
     q: Array
 
 
 def ghost_of(scenario: Scenario, until: float) -> Ghost:
-    """The true way of the arm in a scenario until a time [s], or the simulation breaks off."""
+    """The true trajectory of the arm in a scenario until a time [s], or a failed simulation."""
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)

@@ -31,7 +31,7 @@ def serve(answer: Callable[[str, bytes], bytes | None]) -> str:
     """Serves a page to this computer alone, on a free port and from other threads.
 
     ``answer`` gives the content of a path, from what was posted to it; None if there is no such
-    path. Returned is the address of the page.
+    path. The result is the address of the page.
     """
 
     class Handler(BaseHTTPRequestHandler):

@@ -118,7 +118,7 @@ def declare_output(
 ) -> OutputPort:
     """An output port whose value ``calc`` returns, of the type of ``model`` (see `declare_input`).
 
-    With a ``size`` it is a vector of so many numbers. Without ``prerequisites`` it depends on
+    With a ``size`` it is a vector of that length. Without ``prerequisites`` it depends on
     everything.
     """
     tickets = prerequisites or {system.all_sources_ticket()}

@@ -265,14 +265,11 @@ def measure_kernel(state, t, X, noise):
     s.covariance[:], s.covariance_r[:] = C, C_r
     if lasts:
         _turn_over(s, X, expected, noise)
-    if turned:
-        turn[:] = 0.0
-        K_r = np.zeros(3)
-    else:
-        K_r = _gain(s.covariance_r, sigma_r)
     if lasts or not turned:
         s.far_since[0] = np.nan
-    K = _gain(s.covariance, sigma)
+    K, K_r = _gain(s.covariance, sigma), np.zeros(3)
+    if not turned:
+        K_r = _gain(s.covariance_r, sigma_r)
     correction = np.empty(3)
     for i in range(3):
         off = X[i, 3] - expected[i, 3]

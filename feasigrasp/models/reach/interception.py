@@ -349,7 +349,7 @@ def _cost_kernel(ahead, k, X_OG, there, branch, psi, v_there):
     """Cost of an interception at instant k in a configuration (7,), and when it is [s].
 
     It is infinite if the arm is not there in time, collides there, or cannot stand back; at the
-    last instant it may be late.
+    last instant it may be late. A lift out of the joint limits counts as a missing second.
     """
     o, chain = ahead.options[0], ahead.search.chain
     due = ahead.start + o.step * k

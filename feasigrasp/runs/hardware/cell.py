@@ -40,7 +40,7 @@ class ReceivedCommands:
     def __init__(
         self, lcm: DrakeLcm, now: Callable[[], float], joints: int = IIWA_7.joints
     ) -> None:
-        """Listens on a bus for commands of so many joints; ``now`` is a simulated clock [s]."""
+        """Listens on a bus for commands to ``joints`` joints; ``now`` is a simulated clock [s]."""
         self.requests: list[float] = []
         self.unusable = self.late = 0
         self.moved = 0.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
-from feasigrasp.runs.metrics.handling import HELD_LIFT, ObjectTruth
+from feasigrasp.runs.metrics.handling import ObjectTruth, is_lifted
 
 #: An object that was pushed farther than this off its path has been pushed away [mm]. Source:
 #: definition.
@@ -91,7 +91,7 @@ _RULES: dict[Cause, Callable[[Course], bool]] = {
     Cause.MISSED: lambda run: not run.released and _opened_again(run),
     Cause.DROPPED: lambda run: run.released and not run.touched,
     Cause.OUT_OF_TIME: lambda run: run.phase[-1] != Phase.DONE,
-    Cause.NOT_LIFTED: lambda run: run.rise < HELD_LIFT * run.lift,
+    Cause.NOT_LIFTED: lambda run: not is_lifted(run.rise, run.lift),
     Cause.SLIPPED: lambda run: True,
 }
 

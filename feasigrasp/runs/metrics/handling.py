@@ -144,7 +144,7 @@ def hold_metrics(
     last = slice(-1 - round(HELD_FOR / period), None)
     kept = np.all((distance[last] < HELD_DISTANCE) & (angle[last] < HELD_ANGLE))
     rise = float(p_WO[-1, 2] - p_WO[start, 2])
-    held = bool(phase[-1] == Phase.DONE and kept and (lift <= 0.0 or rise >= HELD_LIFT * lift))
+    held = bool(phase[-1] == Phase.DONE and kept and is_lifted(rise, lift))
     return {
         "grasp_held": held,
         "held_after_s": start * period if held else None,
@@ -152,6 +152,11 @@ def hold_metrics(
         "turn_deg": float(np.rad2deg(angle.max())),
         "lift_cm": 100.0 * rise,
     }
+
+
+def is_lifted(rise: float, lift: float) -> bool:
+    """Whether a rise [m] is enough of the commanded one [m]; it is where none was commanded."""
+    return lift <= 0.0 or rise >= HELD_LIFT * lift
 
 
 def _displacement(X_FA: Array, X_FB: Array) -> tuple[Array, Array]:

@@ -79,7 +79,7 @@ def subscribe(lcm: DrakeLcm, channel: str, receive: Callable[..., None], *given:
 
     A bus holds its handlers out of sight of Python's garbage collector: an object that has both
     the bus and a handler would never be freed, nor the file descriptors of the bus. The method
-    gets the arguments ``given``, then a message's bytes. Returned is the subscription.
+    gets the arguments ``given``, then a message's bytes. The result is the subscription.
     """
     method = weakref.WeakMethod(receive)
 
@@ -136,7 +136,7 @@ _TYPES = {
 
 
 def decode(kind: type, data: bytes, joints: int = IIWA_7.joints) -> Any | None:
-    """The message of a type that bytes contain, of an arm of so many joints.
+    """The message of a type that bytes contain; ``joints`` is the number of the arm's.
 
     Returns:
         None where they are of another type, are cut off or have bytes to spare, or where a value is

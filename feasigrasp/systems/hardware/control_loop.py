@@ -54,7 +54,7 @@ class Intake:
     ) -> None:
         """Listens on a bus, and hands on to ``inbox``, a bus inside this process.
 
-        Channels have messages of these ``kinds``, and the arm so many joints.
+        Channels have messages of these ``kinds``; ``joints`` is the number of the arm's.
         """
         self._lcm, self._inbox, self._joints = lcm, inbox, joints
         self.zero = 0

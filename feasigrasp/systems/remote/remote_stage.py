@@ -83,7 +83,7 @@ class RemoteStage(LeafSystem):
     def take(self, context: Context, time: float) -> list[float]:
         """Takes the results that have arrived at a time [s] into the context, without waiting.
 
-        Returned is the time from the image to that [s] of every result with other grasps.
+        The result is the latency from image to ``time`` [s] of every one with other grasps.
         """
         self.worker.end_if_stuck()
         before = arrived = self._arrived(context)

@@ -51,6 +51,7 @@ NONE_LATER = {"sampled_grasps": 0.0, "reachable_grasps": 0.0}
         (course(p_WO_z=0.5), Cause.NOT_LIFTED),
         (course(p_WO_z=[0.5] * 7 + [0.51]), Cause.NOT_LIFTED),
         (course(p_WO_z=0.5, lift=0.0), Cause.SLIPPED),
+        (course(p_WO_z=0.5, lift=-0.1), Cause.SLIPPED),
         (course(), Cause.SLIPPED),
         # Pushed or missed at first, grasped in the end: what came last counts.
         (course(pushed=1.01 * PUSHED_AWAY), Cause.SLIPPED),
