@@ -21,7 +21,7 @@ from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.grasps.samplers import SamplerName
-from feasigrasp.models.quantities import CONFIGURATION, POSE, Call, Refusal
+from feasigrasp.models.quantities import POSE, Call, Refusal
 from feasigrasp.models.reach import Reachability, Situation, Verdict, feasible_poses
 from feasigrasp.models.robot.arm_file import arm_names, load_arm
 from feasigrasp.models.robot.gripper_file import GRIPPERS, PACKAGED, load_gripper
@@ -95,9 +95,9 @@ def main(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm)
     bent = [0.0, 30.0, 0.0, -90.0, 0.0, 60.0, 0.0] if arm is IIWA_7 else np.rad2deg(arm.home)
     q = np.deg2rad(args.q or bent)
-    if len(q) != arm.joints or not np.abs(q).max() <= CONFIGURATION.most[0]:
+    if len(q) != arm.joints or not np.abs(q).max() <= 4.0 * np.pi:
         given = " ".join(f"{angle:g}" for angle in args.q)
-        raise InputError(f"--q is {given}; give {arm.joints} angles in degrees, up to 2.5 turns")
+        raise InputError(f"--q is {given}; give {arm.joints} angles in degrees, up to two turns")
     V_WO = np.array([0.0, 0.0, 0.0, *args.velocity])
     now = Situation(0.0, q, np.zeros(arm.joints), _pose(args.camera_pose), V_WO)
     if not now.known:

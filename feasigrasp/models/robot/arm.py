@@ -268,7 +268,7 @@ class Arm(Frozen):
 
         Raises:
             ArgumentError: The last axis has another length, there are not ``ndim`` axes, or a joint
-                turns by more than 2 pi (degrees?).
+                is more than 2.5 turns from zero (degrees?).
         """
         Q = np.asarray(q)
         if ndim not in (None, Q.ndim) or Q.shape[-1:] != (self.joints,):
