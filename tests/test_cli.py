@@ -62,7 +62,7 @@ def test_the_commands_are_those_that_users_rely_on():
     assert {group: list(commands) for group, (_, commands) in GROUPS.items()} == {
         "evaluate": [
             *("all", "dynamic", "faults", "gallery", "hardware-loop", "kinematics", "reachability"),
-            *("rollout", "sampler", "segmentation", "shape", "static", "tracking"),
+            *("sampler", "segmentation", "shape", "static", "tracking"),
         ],
         "bench": ["all", "control", "kinematics", "reachability", "sampler", "shape"],
         "fit": ["certainty", "reachability"],

@@ -292,10 +292,9 @@ def test_version_is_the_same_everywhere(repository):
 def test_every_import_is_a_declared_dependency(repository):
     """What package and diagrams import is installed with them, not by luck through others."""
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
-    # What runs on a cluster or compares with peers may need more; it says
-    # what to install.
+    # What compares with peers may need more; it says what to install.
     extra = project["optional-dependencies"]
-    optional = ("cluster", "exr", "mcap", "peers", "realsense")
+    optional = ("exr", "mcap", "peers", "realsense")
     entries = [*project["dependencies"], *(entry for name in optional for entry in extra[name])]
     declared = {re.split(r"[<>=\[ ]", entry)[0] for entry in entries}
     module_of = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}

@@ -1,9 +1,8 @@
-"""Parallel work: threads, array jobs, or a Dask cluster."""
+"""Parallel work: threads, processes, or shares of a job array."""
 
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
 import re
 import threading
@@ -16,17 +15,9 @@ from typing import Any, TypeVar
 
 import joblib
 
-from feasigrasp.errors import FeasigraspError
 from feasigrasp.runs.results.provenance import git_revision, versions
 
 Result = TypeVar("Result")
-
-#: How long workers are waited for [s]. Source: guessed.
-_PATIENCE = 60.0
-
-
-class ClusterError(FeasigraspError, RuntimeError):
-    """A cluster that there is not, or whose workers cannot do the work."""
 
 
 @dataclass(frozen=True)
@@ -59,18 +50,13 @@ class Shard:
 
 
 def add_worker_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds ``--shard`` and ``--cluster``."""
+    """Adds ``--shard``."""
     parser.add_argument(
         "--shard",
         type=Shard.read,
         metavar="I/N",
         help="Do every N-th run only, from the I-th on, for job arrays. The results are in OUT/"
         "shard-I-of-N; the same command without --shard merges all of them.",
-    )
-    parser.add_argument(
-        "--cluster",
-        metavar="ADDRESS",
-        help="Run on this Dask scheduler, e.g. tcp://host:8786; see docs/developing.md.",
     )
 
 
@@ -142,71 +128,6 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def on_cluster(
-    work: Callable[..., Result], tasks: Mapping[str, tuple[Any, ...]], address: str
-) -> Iterator[tuple[str, Result | Exception]]:
-    """Does the tasks on a Dask cluster; those of a worker that dies are done by another one.
-
-    Args:
-        work: Does one on a worker; arguments and result travel.
-        tasks: Arguments by name.
-        address: Of the scheduler.
-
-    Yields:
-        Name and result of each, as they come; the exception of one that failed, or whose workers
-        died again and again.
-
-    Raises:
-        ClusterError: Dask is not installed; there is no such scheduler, or it has no workers; they
-            are daemonic, or run other code.
-    """
-    try:
-        from distributed import Client, as_completed
-    except ImportError as error:
-        raise ClusterError("--cluster needs Dask: pip install 'feasigrasp[cluster]'") from error
-    try:
-        client = Client(address, timeout=_PATIENCE)
-    except (OSError, ValueError) as error:
-        raise ClusterError(f"--cluster {address}: no Dask scheduler answers ({error})") from error
-    with client:
-        _check_workers(client, address)
-        names = {
-            client.submit(work, *arguments, pure=False): name for name, arguments in tasks.items()
-        }
-        for future in as_completed(list(names)):
-            failure = future.exception()
-            yield names[future], future.result() if failure is None else failure
-            future.release()
-
-
 def made_with() -> dict[str, Any]:
     """The code that results depend on: its revision and the versions."""
     return {"git": git_revision(), "versions": versions()}
-
-
-def about_worker() -> dict[str, Any]:
-    """What must be right of a worker: it may start processes, and has this code."""
-    return {"daemon": multiprocessing.current_process().daemon, **made_with()}
-
-
-def _check_workers(client: Any, address: str) -> None:
-    try:
-        client.wait_for_workers(1, timeout=_PATIENCE)
-    except TimeoutError as error:
-        raise ClusterError(
-            f"--cluster {address}: the scheduler has no worker; start some with 'dask worker'"
-        ) from error
-    mine = made_with()
-    for worker, found in client.run(about_worker).items():
-        if found.pop("daemon"):
-            raise ClusterError(
-                f"worker {worker} is a daemonic process, which may not start others, and every run "
-                "is a process of its own: start workers with 'dask worker --no-nanny', or with "
-                "DASK_DISTRIBUTED__WORKER__DAEMON=False in their environment"
-            )
-        for what, value in mine.items():
-            if found[what] != value:
-                raise ClusterError(
-                    f"worker {worker} has another {what} than this command: {found[what]}, not "
-                    f"{value}; install the same on both"
-                )

@@ -15,7 +15,7 @@ import tempfile
 import threading
 import traceback
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -30,7 +30,7 @@ from feasigrasp.runs.run import crash_record, run
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.results.finished import Record, read_finished, report_reuse
-from feasigrasp_lab.results.workers import in_threads, made_with, on_cluster
+from feasigrasp_lab.results.workers import in_threads, made_with
 from feasigrasp_lab.runs.plan import PlannedRun
 
 
@@ -41,28 +41,25 @@ def run_all(
     *,
     desc: str,
     replays: bool = False,
-    cluster: str | None = None,
     elsewhere: Sequence[Path] = (),
 ) -> list[Record]:
     """Runs what is not finished, each in a process of its own, and returns all records in order.
 
     A record in the folder counts if it came from the same scenario (object, seed, controller and
     mode included), files of the user's, revision and versions, and if its process did not crash. A
-    run depends on its scenario and these files alone, not on who does it: the records are the same,
-    but for times, whatever the number of processes, and on a cluster.
+    run depends on its scenario and these files alone: the records are the same, but for times,
+    whatever the number of processes.
 
     Args:
         runs: What to run.
         folder: Where the records are, ``<id>.json``.
         jobs: Processes at a time.
         desc: What the progress bar is called.
-        replays: Whether every run leaves a replay ``<id>.html`` as well; not on a cluster.
-        cluster: Address of a Dask scheduler whose workers do the runs instead.
+        replays: Whether every run leaves a replay ``<id>.html`` as well.
         elsewhere: Further folders whose records count, those of shards; they are copied.
 
     Raises:
         Unfinished: Ctrl-C, or a full disk; with the records of all runs that came to their end.
-        ClusterError: There is no such cluster, or its workers cannot do the runs.
     """
     code = made_with()
     check_folder("--out", folder)
@@ -94,23 +91,9 @@ def run_all(
         file = folder / f"{planned.id}.json"
         return run_isolated(planned.scenario, planned.name, file, replay=replay)
 
-    def done() -> Iterator[tuple[str, Record]]:
-        """The missing runs as they come to their end."""
-        if cluster is None:
-            yield from in_threads(here, {each.id: (each,) for each in missing}, jobs)
-            return
-        by_id = {each.id: each for each in missing}
-        tasks = {each.id: (dump_scenario(each.scenario), each.name) for each in missing}
-        for id_, result in on_cluster(run_remotely, tasks, cluster):
-            if isinstance(result, Exception):
-                error = f"{type(result).__name__}: {result}"
-                result = crash_record(by_id[id_].scenario, by_id[id_].name, error)
-            _write(result, folder / f"{id_}.json")
-            yield id_, result
-
     with tqdm(total=len(runs), initial=len(runs) - len(missing), unit="run", desc=desc) as bar:
         try:
-            for id_, record in done():
+            for id_, record in in_threads(here, {each.id: (each,) for each in missing}, jobs):
                 records[id_] = record
                 bar.set_postfix_str(_held_so_far(records.values()), refresh=False)
                 bar.update()
@@ -200,12 +183,6 @@ def run_isolated(
             record = crash_record(scenario, name, error)
     _write(record, filename)
     return record
-
-
-def run_remotely(scenario_text: str, name: str) -> Record:
-    """On a worker of a cluster: runs a scenario, and returns its record instead of keeping it."""
-    with tempfile.TemporaryDirectory(prefix="feasigrasp-record-") as folder:
-        return run_isolated(parse_scenario(scenario_text), name, Path(folder) / "run.json")
 
 
 def _write(record: Record, filename: Path) -> None:

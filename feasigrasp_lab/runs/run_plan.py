@@ -227,7 +227,6 @@ def run_plan(args: argparse.Namespace, whole: Plan, split: str, report: Report, 
             args.out / "runs",
             args.jobs,
             desc=desc,
-            cluster=args.cluster,
             elsewhere=[folder / "runs" for folder in shard_folders(args.out)],
         )
     except Unfinished as stopped:

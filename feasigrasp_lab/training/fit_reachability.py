@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from joblib.externals.loky import get_reusable_executor
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.inputs import read_json
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability
@@ -31,14 +31,13 @@ from feasigrasp.outputs import write_json
 from feasigrasp.runs.results.arguments import positive
 from feasigrasp.runs.results.provenance import git_revision
 from feasigrasp_lab.arm import in_collision
+from feasigrasp_lab.mixtures.fit import fit_riemannian_mixture
 from feasigrasp_lab.mixtures.mixture import bic
 from feasigrasp_lab.paper.float32_kernels import log_densities, pack
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
 from feasigrasp_lab.results.arguments import add_run_arguments, command_line
 from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
 from feasigrasp_lab.results.rows import Row, write_csv, write_summary
-from feasigrasp_lab.training.large_mixture import PASSES, LargeFit, fit_large_mixture
-from feasigrasp_lab.training.pose_blocks import PoseBlocks
 
 #: Height in the base frame below which poses of the fitted frame are dropped [m]. Source: guessed.
 FLOOR = 0.1
@@ -166,7 +165,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fit-poses",
         type=positive,
-        default=3_500_000,
+        default=1_000_000,
         help="Largest number of poses in the EM fit.",
     )
     parser.add_argument(
@@ -202,7 +201,7 @@ def main(args: argparse.Namespace) -> int:
         "command": command,
         "git": git,
         "frame": "flange",
-        "counts": {**counts, "fitted": poses.n, "held_out": len(held_out)},
+        "counts": {**counts, "fitted": len(poses), "held_out": len(held_out)},
     }
     fits = []
     for k in components:
@@ -210,12 +209,14 @@ def main(args: argparse.Namespace) -> int:
         if path.is_file():
             space = ReachableSpace.load(path)
         else:
-            space = _fit(poses, held_out, k, args, metadata)
+            space = _fit(poses, held_out, k, args.seed, metadata)
             space.save(path)
         fits.append(space)
     fits[-1].save(args.out / "reachable_space.npz")
     table = [(len(space.mixture), _bic(space), space.threshold) for space in fits]
-    rows = [Row.plain("reachability.bic", f"K={k}", value, "1", poses.n) for k, value, _ in table]
+    rows = [
+        Row.plain("reachability.bic", f"K={k}", value, "1", len(poses)) for k, value, _ in table
+    ]
     write_csv(args.out / "bic.csv", sorted(table), ("components", "bic", "threshold"))
     write_summary(args.out / "summary.json", command, git, args.seed, rows, counts=counts)
     for k, value, threshold in table:
@@ -241,11 +242,11 @@ def parse_components(text: str) -> tuple[int, ...]:
     return numbers
 
 
-def split(reached: ReachedPoses, fit_poses: int, seed: int) -> tuple[PoseBlocks, np.ndarray]:
-    """Puts aside 2 % of the poses, at most 200 000, and sorts at most ``fit_poses`` of the rest.
+def split(reached: ReachedPoses, fit_poses: int, seed: int) -> tuple[Array, Array]:
+    """Puts aside 2 % of the poses, at most 200 000, and takes at most ``fit_poses`` of the rest.
 
     Returns:
-        What EM sees, and what the threshold comes from, shape (h, 4, 4).
+        What EM sees, shape (n, 4, 4), and what the threshold comes from, shape (h, 4, 4).
 
     Raises:
         ReachabilityError: Too few poses were reached.
@@ -256,29 +257,24 @@ def split(reached: ReachedPoses, fit_poses: int, seed: int) -> tuple[PoseBlocks,
     held_out = np.random.default_rng([seed, n]).choice(n, min(n // 50, 200_000), replace=False)
     rest = np.ones(n, dtype=bool)
     rest[held_out] = False
-    chosen = np.flatnonzero(rest)[:fit_poses]  # draws are independent: the first are as good
-    X = se3.make_pose(se3.rotations(reached.quaternions[held_out]), reached.positions[held_out])
-    return PoseBlocks.of(reached.quaternions[chosen], reached.positions[chosen]), X
+    fitted = np.flatnonzero(rest)[:fit_poses]  # draws are independent: the first are as good
+    q, p = reached.quaternions.astype(float), reached.positions.astype(float)
+    poses, aside = (se3.make_pose(se3.rotations(q[i]), p[i]) for i in (fitted, held_out))
+    return poses, aside
 
 
 def _fit(
-    poses: PoseBlocks,
-    held_out: np.ndarray,
-    k: int,
-    args: argparse.Namespace,
-    metadata: dict[str, Any],
+    poses: Array, held_out: Array, k: int, seed: int, metadata: dict[str, Any]
 ) -> ReachableSpace:
-    fit = LargeFit(threads=args.jobs)
-    with tqdm(total=PASSES, unit="pass", desc=f"K = {k}") as bar:
-
-        def progress(stage: str, i: int, likelihood: float) -> None:
-            bar.set_postfix_str(f"{stage} {i}, {likelihood:.4f}", refresh=False)
-            bar.update(stage == "all")
-
-        rng = np.random.default_rng([args.seed, k])
-        mixture, likelihood = fit_large_mixture(poses, k, rng, fit, progress)
+    print(f"fitting {k} components to {len(poses)} poses")
+    # At most 150 passes: a fit of 128 components ends before, by its tolerance.
+    mixture = fit_riemannian_mixture(
+        poses, k, np.random.default_rng([seed, k]), max_iterations=150, tolerance=2e-4
+    )
+    packed = pack(mixture)
     # Share of reachable poses whose log density exceeds the threshold.
-    threshold = float(np.quantile(log_densities(held_out, pack(mixture)), 1.0 - 0.99))
+    threshold = float(np.quantile(log_densities(held_out, packed), 1.0 - 0.99))
+    likelihood = float(log_densities(poses, packed).mean())
     return ReachableSpace(mixture, threshold, {**metadata, "log_likelihood_per_pose": likelihood})
 
 

@@ -28,8 +28,8 @@ from feasigrasp.systems.metrics import SAMPLE_NAMES
 from feasigrasp.systems.velocity_drive import VelocityDrive
 from feasigrasp_lab.paper.modes import PaperJointController
 from feasigrasp_lab.protocols.changes import at_spin
-from feasigrasp_lab.runs.rollout import object_grasps, roll_out
 from tests.controller_bench import HOME, NEAR, REACH, STILL, UNKNOWN, Bench
+from tests.rollout import object_grasps, roll_out
 
 CONTROLLERS = [RMMTaskController, GPJointController]
 both = pytest.mark.parametrize("make", CONTROLLERS)

@@ -10,8 +10,8 @@ from feasigrasp.commands import guard, run, sim
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
-from feasigrasp_lab.runs.rollout import roll_out
 from tests.pipeline import scenario
+from tests.rollout import roll_out
 
 V = IIWA_7.velocity_limits
 

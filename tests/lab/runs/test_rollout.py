@@ -14,7 +14,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.scenario.files import load_scenario
-from feasigrasp_lab.runs.rollout import object_grasps, roll_out
+from tests.rollout import object_grasps, roll_out
 
 SPEED = np.array([0.3, -0.2, 0.1, 0.25, -0.1, 0.2, 0.4])
 

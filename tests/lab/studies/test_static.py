@@ -10,7 +10,6 @@ import trimesh
 from feasigrasp import cli
 from feasigrasp.scenario.sampling import make_friction, make_hand_error, make_motion
 from feasigrasp_lab.results.workers import Shard
-from feasigrasp_lab.runs import isolated
 from feasigrasp_lab.studies import static
 
 
@@ -137,24 +136,3 @@ def test_what_the_hand_cannot_hold_is_judged_on_the_true_surface(tmp_path):
     (tmp_path / "open.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n")
     (record,) = static.judge("open", str(tmp_path / "open.obj"))
     assert record["left_out"]
-
-
-def test_records_of_a_cluster_are_those_from_here(fake_runs, tmp_path, monkeypatch):
-    """The same summary, whoever does the runs; one whose worker died for good is a crash."""
-
-    def on_cluster(work, tasks, address):
-        assert address == "tcp://nowhere:1"
-        for number, (id_, arguments) in enumerate(reversed(tasks.items())):
-            yield id_, RuntimeError("worker died") if number == 0 else work(*arguments)
-
-    monkeypatch.setattr(isolated, "on_cluster", on_cluster)
-    assert evaluate(tmp_path / "here") == 0
-    there = tmp_path / "there"
-    assert evaluate(there, "--cluster", "tcp://nowhere:1") == 1
-    files = {f.name: json.loads(f.read_text()) for f in (there / "runs").iterdir()}
-    (lost,) = [record for record in files.values() if record["error"]]
-    assert lost["error"] == "RuntimeError: worker died" and lost["metrics"]["cause"] == "broke_off"
-    assert evaluate(there) == 0  # only that one is run again
-    here = {f.name: json.loads(f.read_text()) for f in (tmp_path / "here" / "runs").iterdir()}
-    assert {f.name: json.loads(f.read_text()) for f in (there / "runs").iterdir()} == here
-    assert summary_of(there)["rows"] == summary_of(tmp_path / "here")["rows"]
