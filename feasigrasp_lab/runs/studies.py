@@ -84,7 +84,7 @@ STUDIES = {
     "speed-camera": Study(tuple(CAMERA_MOTIONS.values()), variants=AT_SPEEDS),
     "spin": Study((MOTIONS["circle"],), variants=AT_SPINS),
     "degradations": Study((CAMERA_MOTIONS["circle-camera"],), variants=_DEGRADED),
-    "ablation": Study(_MOCAP, variants=ABLATIONS),
+    "ablation": Study(_REACH[:1], seeds=2, variants=ABLATIONS),
 }
 
 
