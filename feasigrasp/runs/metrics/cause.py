@@ -8,7 +8,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
-from feasigrasp.runs.metrics.handling import ObjectTruth, is_lifted
+from feasigrasp.runs.metrics.handling import HELD_ANGLE, HELD_DISTANCE, ObjectTruth
 
 #: An object that was pushed farther than this off its path has been pushed away [mm]. Source:
 #: definition.
@@ -27,8 +27,8 @@ class Cause(StrEnum):
     MISSED = "missed"
     DROPPED = "dropped"
     OUT_OF_TIME = "out_of_time"
-    NOT_LIFTED = "not_lifted"
     SLIPPED = "slipped"
+    NOT_LIFTED = "not_lifted"
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +39,13 @@ class Course:
         samples: By name, the samples of the run, see `feasigrasp.systems.metrics.SAMPLE_NAMES`.
         truth: What happened to the object; None if not measured.
         pushed_mm: How far it was pushed before the fingers closed [mm]; None likewise.
-        lift: Commanded rise [m]; 0 if there is none.
+        slip: Largest displacement [m] and rotation [rad] in the hand since it was let go.
     """
 
     samples: Mapping[str, Array]
     truth: ObjectTruth | None = None
     pushed_mm: float | None = None
-    lift: float = 0.0
+    slip: tuple[float, float] = (0.0, 0.0)
 
     @property
     def phase(self) -> Array:
@@ -60,12 +60,6 @@ class Course:
     def touched(self) -> bool:
         """Whether arm or hand touched the object at the end."""
         return self.truth is not None and self.truth.touched
-
-    @property
-    def rise(self) -> float:
-        """How much higher the object ended than where it was let go [m]."""
-        z = self.samples["p_WO_z"]
-        return float(z[-1] - z[np.argmax(self.phase > Phase.CLOSE)])
 
     @property
     def released(self) -> bool:
@@ -91,8 +85,8 @@ _RULES: dict[Cause, Callable[[Course], bool]] = {
     Cause.MISSED: lambda run: not run.released and _opened_again(run),
     Cause.DROPPED: lambda run: run.released and not run.touched,
     Cause.OUT_OF_TIME: lambda run: run.phase[-1] != Phase.DONE,
-    Cause.NOT_LIFTED: lambda run: not is_lifted(run.rise, run.lift),
-    Cause.SLIPPED: lambda run: True,
+    Cause.SLIPPED: lambda run: run.slip[0] >= HELD_DISTANCE or run.slip[1] >= HELD_ANGLE,
+    Cause.NOT_LIFTED: lambda run: True,
 }
 
 

@@ -155,9 +155,11 @@ def summarize(
         result |= displaced_metrics(X_WO, truth.path, closing)
         result["closing_speed_m_s"] = closing_speed(truth.path, x["phase"], SAMPLE_PERIOD)
     if closes:
-        result |= hold_metrics(se3.inverse(X_OH), p_WO, x["phase"], SAMPLE_PERIOD, lift)
-        if not result["grasp_held"] or (truth is not None and truth.broke_off):
-            result |= not_held(cause_of(Course(x, truth, pushed.get("pushed_mm"), lift)))
+        hold = hold_metrics(se3.inverse(X_OH), p_WO, x["phase"], SAMPLE_PERIOD, lift)
+        result |= hold
+        if not hold["grasp_held"] or (truth is not None and truth.broke_off):
+            slip = 1e-3 * (hold["slip_mm"] or 0.0), math.radians(hold["turn_deg"] or 0.0)
+            result |= not_held(cause_of(Course(x, truth, pushed.get("pushed_mm"), slip)))
     for axis, value in zip("xyz", p_WO[-1], strict=True):
         result[f"object_end_{axis}_m"] = float(value)
     return result
