@@ -1,9 +1,9 @@
-"""Whether this code gives the runs of an older revision: reference runs of both, bit for bit.
+"""Whether this code gives the runs of older revisions: reference runs of all, bit for bit.
 
-``python tools/same_runs.py REVISION`` runs each line of ``tools/same_runs.yaml`` in a checkout of
-the revision and in one of HEAD, and compares all logged positions, commands and poses. Of each kind
-of runs, by the camera alone or with the object's pose given, of which all are equal, it notes HEAD
-in the file: figures of that kind and revision count as figures of HEAD.
+``python tools/same_runs.py REVISION ...`` runs each line of ``tools/same_runs.yaml`` in a checkout
+of each revision and in one of HEAD, and compares all logged positions, commands and poses. Of each
+kind of runs, by the camera alone or with the object's pose given, of which all are equal, it notes
+HEAD in the file: figures of that kind and revision count as figures of HEAD.
 """
 
 from __future__ import annotations
@@ -11,11 +11,14 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +62,8 @@ def _checkout(revision: str) -> Iterator[Path]:
         git = ["git", "-C", str(ROOT), "worktree"]
         subprocess.run([*git, "add", "--detach", "--force", folder, revision], check=True)
         try:
+            for cache in ROOT.glob("feasigrasp*/**/__pycache__"):  # kernels that did not change
+                shutil.copytree(cache, Path(folder) / cache.relative_to(ROOT))
             yield Path(folder)
         finally:
             subprocess.run([*git, "remove", "--force", folder], check=True)
@@ -84,19 +89,23 @@ def main() -> int:
     """Runs the command."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     content, differ = yaml.safe_load(RUNS.read_text()), False
-    parser.add_argument("revision", help="the older revision")
+    parser.add_argument("revisions", nargs="+", metavar="REVISION", help="an older revision")
     parser.add_argument("--kind", choices=content["runs"], help="the only kind of runs")
     args = parser.parse_args()
-    revision, head = _short(args.revision), _short("HEAD")
-    with _checkout(revision) as then, _checkout(head) as now:
+    revisions, head = [_short(each) for each in args.revisions], _short("HEAD")
+    with ExitStack() as stack:
+        checkouts = [stack.enter_context(_checkout(each)) for each in (head, *revisions)]
+        pool = stack.enter_context(ThreadPoolExecutor(os.cpu_count()))
         for kind in [args.kind] if args.kind else content["runs"]:
-            found = []
+            equal = dict.fromkeys(revisions, True)
             for words in content["runs"][kind]:
-                found += (differs := differences(_log(now, words), _log(then, words)))
-                print(f"{words}: {', '.join(differs) or 'the same'}", flush=True)
-            if not found:
-                content["same"][kind][revision] = head
-            differ |= bool(found)
+                now, *then = pool.map(_log, checkouts, repeat(words))
+                for revision, log in zip(revisions, then, strict=True):
+                    differs = differences(now, log)
+                    print(f"{revision}, {words}: {', '.join(differs) or 'the same'}", flush=True)
+                    equal[revision] &= not differs
+            content["same"][kind] |= {each: head for each in revisions if equal[each]}
+            differ |= not all(equal.values())
     lines = RUNS.read_text().partition("same:")[0]
     RUNS.write_text(lines + yaml.safe_dump({"same": content["same"]}))
     return int(differ)
