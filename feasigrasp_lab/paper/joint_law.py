@@ -5,8 +5,6 @@ way that is left decreases at the rate k, the solutions' own velocity is fed for
 solutions keep their identity. All solutions are worth the same, and nothing is enforced.
 """
 
-from functools import partial
-
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Indices
@@ -25,13 +23,12 @@ from feasigrasp.models.objects.prediction import Motion, future_poses
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import VELOCITY
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp_lab.paper.options import Law, PaperOptions
+from feasigrasp_lab.paper.options import Law, PaperOptions, Source
 from feasigrasp_lab.paper.solutions import Solutions, SolutionSearch, place_kernel
 from feasigrasp_lab.paper.sources import (
-    DRAWS,
-    Draw,
     closed_form_configurations,
-    drawn_configurations,
+    flow_configurations,
+    from_flow,
 )
 
 _CHAIN, _N = IIWA_7.chain, IIWA_7.joints
@@ -45,18 +42,17 @@ _INSTANT = 1e-5
 _NEGLIGIBLE = 1e-4
 
 
-def _resampled(draw: Draw, n: int, X_WF: Array) -> tuple[Array, Indices]:
-    """Configurations of flange poses, as many of each, from the same random numbers at every call.
+def _resampled(n: int, X_WF: Array) -> tuple[Array, Indices]:
+    """Draws of flange poses, as many of each, from the same random numbers at every call.
 
     Args:
-        draw: Where they come from.
         n: How many are drawn; those that miss their pose are left out.
         X_WF: Flange poses, shape (m, 4, 4); m > 0.
 
     Returns:
         Configurations (k, 7) [rad], and which pose each reaches, shape (k,).
     """
-    drawn = draw(X_WF, -(-n // len(X_WF)))
+    drawn = from_flow(X_WF, -(-n // len(X_WF)))
     # The first of every pose, then the second, up to the number that is wanted.
     found = drawn.swapaxes(0, 1).reshape(-1, _N)[:n]
     reached = np.isfinite(found).all(axis=1)
@@ -169,10 +165,10 @@ class PaperJointControl:
 
     def __init__(self, reachability: Reachability, options: PaperOptions, period: float) -> None:
         self._reachability, self._options, self._period = reachability, options, period
-        find, draw = closed_form_configurations, DRAWS.get(options.source)
+        closed_form = options.source == Source.CLOSED_FORM
+        find = closed_form_configurations if closed_form else flow_configurations
         self._search = SolutionSearch(
-            *(reachability, period, find if draw is None else partial(drawn_configurations, draw)),
-            *(options.n_solutions, options.length_scale),
+            reachability, period, find, options.n_solutions, options.length_scale
         )
 
     def update(
@@ -208,7 +204,7 @@ class PaperJointControl:
         if len(X_OG) == 0:
             return Solutions.empty(time)
         X_WF = self._search.flange_poses(X_OG, X_WO)
-        found, grasp = _resampled(DRAWS[options.source], options.n_solutions, X_WF)
+        found, grasp = _resampled(options.n_solutions, X_WF)
         return _still(found, X_OG[grasp], self._search.length_scale(found), time)
 
     def velocity(

@@ -22,7 +22,6 @@ class Source(StrEnum):
 
     CLOSED_FORM = "closed_form"
     FLOW = "flow"  # the IK flow, as in the paper
-    DLS = "dls"  # damped least squares from random configurations
 
 
 class Targets(StrEnum):
@@ -87,7 +86,7 @@ class PaperOptions:
         if self.resample and self.source == Source.CLOSED_FORM:
             raise ScenarioError(
                 "control.options.resample is true, but closed_form draws nothing; give "
-                f"control.options.source: {Source.FLOW} or {Source.DLS}"
+                f"control.options.source: {Source.FLOW}"
             )
 
     def gain_or(self, preconditioned: float, gradient: float) -> float:

@@ -7,6 +7,7 @@ their flange poses. Start the same command again to resume.
 import argparse
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 
 import numpy as np
 import torch
@@ -184,7 +185,7 @@ def held_out_metrics(network: IkFlowNetwork, q: Array, X_WF: Array) -> dict[str,
     with torch.no_grad():
         density = -network(_tensor(q, device), _tensor(X_WF, device))[1].double().mean(0)
     flow = export(network)
-    sample = flow.sample(X_WF)[:, 0]
+    sample = flow.sample(X_WF)
     _, position, angle = refine(X_WF, sample, 0, DAMPING)
     _, refined_position, refined_angle = refine(X_WF, sample, 3, DAMPING, limit_margin=0.0)
     reached = (refined_position < 1e-3) & (refined_angle < math.radians(1.0))
@@ -224,7 +225,7 @@ class Training(TrainingRun[IkFlowNetwork]):
     largest_gradient = 5.0
 
     def __init__(self, args: argparse.Namespace, shape: FlowShape) -> None:
-        identity = {"seed": args.seed, "batch": args.batch, "shape": shape.as_dict()}
+        identity = {"seed": args.seed, "batch": args.batch, "shape": asdict(shape)}
         torch.manual_seed(args.seed)
         optimizer = torch.optim.Adam, {"lr": args.learning_rate}
         super().__init__(args, IkFlowNetwork(shape), optimizer, identity)
