@@ -65,8 +65,8 @@ def finish_all(
     *,
     jobs: int,
     desc: str,
-) -> dict[str, list[Record]]:
-    """The records of many items; in processes, with a progress bar, and one file for each.
+) -> list[Record]:
+    """The records of items, in their order; made in processes, with a bar, a file for each item.
 
     Args:
         items: What is measured, by name.
@@ -84,15 +84,7 @@ def finish_all(
     with tqdm(total=len(items), initial=len(items) - len(missing), desc=desc) as bar:
         for _ in in_processes(finish, tasks, jobs):
             bar.update()
-    return {name: read_json(files[name])["records"] for name in items}
-
-
-def finished_arrays(filename: Path) -> dict[str, Any] | None:
-    """What `write_arrays` wrote; None if there is no such file, or no whole one."""
-    try:
-        return read_arrays(filename)
-    except InputError:
-        return None
+    return [record for name in items for record in read_json(files[name])["records"]]
 
 
 def write_arrays(filename: Path, arrays: Mapping[str, Any], *, compressed: bool = True) -> None:

@@ -105,7 +105,9 @@ def run_pair(
                     sim, guard if guard and at_guard else controller, cell, relay, fault, at, number
                 )
                 if fault not in list(ProcessFault) or ProcessFault(fault).at_worker:
-                    _wait_for(controller)
+                    # It ends by itself, as its messages stop, within this time [s].
+                    with suppress(subprocess.TimeoutExpired):
+                        controller.wait(60.0)
             if not results.exists():
                 words.seek(0)
                 raise HardwareError(
@@ -201,13 +203,6 @@ class _Times:
 
     def request(self, data: bytes) -> None:
         self.first = min(self.first, self.now)
-
-
-def _wait_for(controller: subprocess.Popen[bytes]) -> None:
-    """Waits for a controller to end by itself, as its messages stop."""
-    with suppress(subprocess.TimeoutExpired):
-        # How long the controller may take from the end of the simulation to its own [s].
-        controller.wait(60.0)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -3,16 +3,18 @@
 import argparse
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from feasigrasp.models.objects.tracker_config import TrackerConfig, TrackerKind
 from feasigrasp.runs.results.interrupts import Unfinished
+from feasigrasp.runs.results.provenance import git_revision
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.sampling import largest_speed
 from feasigrasp.scenario.schema import Scenario, Segmentation
 from feasigrasp_lab.protocols.ablations import without_ablation
 from feasigrasp_lab.protocols.tuned import is_tuned
 from feasigrasp_lab.results.finished import Record
+from feasigrasp_lab.results.rows import Row, report_rows, write_csv
 from feasigrasp_lab.results.workers import shard_folders
 from feasigrasp_lab.runs.isolated import report_crashes, run_all
 from feasigrasp_lab.runs.plan import Plan, PlannedRun
@@ -190,28 +192,23 @@ def _tracking(tracker: TrackerConfig) -> str:
     return f"measured pose, {rate}, {', '.join(text.format(x) for text, x in errors.items())}"
 
 
-class Report(Protocol):
-    """Prints and writes the figures of some runs."""
-
-    def __call__(
-        self,
-        args: argparse.Namespace,
-        records: Sequence[Record],
-        found: dict[str, Any],
-        **more: bool,
-    ) -> None:
-        """Reports records under conditions; ``partial`` if those are not all."""
-
-
-def run_plan(args: argparse.Namespace, whole: Plan, split: str, report: Report, desc: str) -> int:
-    """Runs a plan, or the shard of it that is asked for, and reports it.
+def run_plan(
+    args: argparse.Namespace,
+    whole: Plan,
+    split: str,
+    command: str,
+    summarize: Callable[[Sequence[Record]], list[Row]],
+    table: Callable[[Sequence[Row]], str],
+) -> int:
+    """Runs a plan, or the shard of it that is asked for; prints and writes rows and ``runs.csv``.
 
     Args:
         args: Arguments of the command, those of `add_worker_arguments` among them.
         whole: All runs.
         split: ``development`` or ``test``, for `conditions`.
-        report: Reports records.
-        desc: What the progress bar is called.
+        command: Its name behind ``evaluate``.
+        summarize: Makes the rows of records.
+        table: What is printed of rows.
 
     Returns:
         The exit status of the command: 1 if a run crashed.
@@ -221,17 +218,35 @@ def run_plan(args: argparse.Namespace, whole: Plan, split: str, report: Report, 
     """
     planned = whole.share(args.shard)
     found = conditions(planned, split)
+
+    def report(records: Sequence[Record], **more: bool) -> None:
+        rows = summarize(records)
+        text = f"{table(rows)}\n{conditions_text(found)}"
+        report_rows(args, f"evaluate {command}", rows, text, conditions=found, **more)
+        write_csv(args.out / "runs.csv", map(flat, records))
+
     try:
         records = run_all(
             planned.runs,
             args.out / "runs",
             args.jobs,
-            desc=desc,
+            desc=command,
             elsewhere=[folder / "runs" for folder in shard_folders(args.out)],
         )
     except Unfinished as stopped:
         if stopped.records:
-            report(args, stopped.records, found, partial=True)
+            report(stopped.records, partial=True)
         raise
-    report(args, records, found, **({} if args.shard is None else {"partial": True}))
+    report(records, **({} if args.shard is None else {"partial": True}))
+    revision = str(git_revision())
+    others = sorted({str(record["git"]) for record in records} - {revision})
+    if others:
+        print(f"the code changed meanwhile: some runs are of {', '.join(others)}, not {revision}")
     return report_crashes(records)
+
+
+def flat(record: Record) -> Record:
+    """A run with all its metrics as one row of a table."""
+    heads = ("scenario", "controller", "mode", "object", "seed", "git")
+    about = {head: record[head] for head in heads}
+    return about | record["metrics"] | record["timings"] | {"error": record["error"]}

@@ -124,10 +124,9 @@ def main(args: argparse.Namespace) -> int:
     if args.quick:
         objects = {name: path for name, path in objects.items() if name in _QUICK} or objects
     settings = {"scenarios": args.scenarios, "seeds": args.seeds, "seed": args.seed}
-    finished = finish_all(
+    raw = finish_all(
         objects, args.out / "objects", settings, first_masks, jobs=args.jobs, desc="first masks"
     )
-    raw = [record for name in objects for record in finished[name]]
     write_csv(args.out / "first_masks.csv", raw)
     report_rows(args, "evaluate segmentation", mask_rows(raw))
     return 0

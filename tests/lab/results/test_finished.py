@@ -34,7 +34,7 @@ def test_every_item_is_measured_once(tmp_path, capsys):
     items = {"a": 1, "b": 2}
     options = {"jobs": 1, "desc": "items"}
     first = finish_all(items, tmp_path, {"seed": 3}, measure, **options)
-    assert first == {"a": [{"name": "a", "value": 1}], "b": [{"name": "b", "value": 2}]}
+    assert first == [{"name": "a", "value": 1}, {"name": "b", "value": 2}]
     assert finish_all(items, tmp_path, {"seed": 3}, measure, **options) == first
     assert "2 of 2 are finished already" in capsys.readouterr().out
     finish_all(items | {"b": 4}, tmp_path, {"seed": 3}, measure, **options)
