@@ -39,25 +39,9 @@ from feasigrasp.systems.ports import (
 from feasigrasp_lab.paper.predicted_reachability import (
     WAY_IN,
     Judge,
-    KeepingRule,
     judge_grasps,
 )
 from feasigrasp_lab.paper.reachable_space import ReachableSpace, SpaceName
-
-
-def make_judged_filter(scenario: Scenario, judge: Judge) -> JudgedFilter:
-    """The filter of a scenario by a judge; modes that enforce nothing skip the way in."""
-    config = scenario.reachability
-    for name in config.options:
-        parse_word(("space", "horizon"), name, "a key of reachability.options", ScenarioError)
-    horizon: Any = config.options.get("horizon", 1.0)
-    return JudgedFilter(
-        judge,
-        horizon=horizon,
-        symmetric_grasps=config.symmetric_grasps,
-        way_in=WAY_IN if scenario.control.safe else 0.0,
-        period=config.period,
-    )
 
 
 class JudgedFilter(LeafSystem):
@@ -136,7 +120,8 @@ class JudgedFilter(LeafSystem):
             self._horizon,
             motion=optional(self._motion, context),
             kept_before=self._kept_before.Eval(context),
-            rule=KeepingRule(symmetric_grasps=self._symmetric_grasps, way_in=self._way_in),
+            symmetric_grasps=self._symmetric_grasps,
+            way_in=self._way_in,
         )
 
 
@@ -176,7 +161,7 @@ class PoseJudge(Frozen):
         method = parse_choice(JudgeMethod, self.method, "reachability method", ReachabilityError)
         object.__setattr__(self, "method", method)
         if method in (JudgeMethod.RMM, JudgeMethod.BOTH) and self.space is None:
-            object.__setattr__(self, "space", ReachableSpace.load_default())
+            object.__setattr__(self, "space", ReachableSpace.load_named())
 
     @checked(ReachabilityError)
     def verdicts(self, X_WG: Annotated[ArrayLike, ANY_POSES]) -> NDArray[np.int8]:
@@ -196,9 +181,19 @@ class PoseJudge(Frozen):
 
 
 def _filter(method: JudgeMethod, scenario: Scenario, reachability: Reachability) -> JudgedFilter:
-    space = str(scenario.reachability.options.get("space", SpaceName.DEFAULT))
-    judge = PoseJudge(reachability, method, ReachableSpace.load_named(space))
-    return make_judged_filter(scenario, judge)
+    """The filter of a scenario; modes that enforce nothing skip the way in."""
+    config = scenario.reachability
+    for name in config.options:
+        parse_word(("space", "horizon"), name, "a key of reachability.options", ScenarioError)
+    space = ReachableSpace.load_named(str(config.options.get("space", SpaceName.DEFAULT)))
+    horizon: Any = config.options.get("horizon", 1.0)
+    return JudgedFilter(
+        PoseJudge(reachability, method, space),
+        horizon=horizon,
+        symmetric_grasps=config.symmetric_grasps,
+        way_in=WAY_IN if scenario.control.safe else 0.0,
+        period=config.period,
+    )
 
 
 #: The values ``rmm``, ``both`` and ``none`` of ``reachability.method``.

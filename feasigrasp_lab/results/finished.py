@@ -109,6 +109,12 @@ def read_shard(filename: Path, names: Iterable[str]) -> dict[str, Any]:
         ) from error
 
 
+def read_shards(files: Iterable[Path], names: Sequence[str]) -> dict[str, Any]:
+    """The arrays of several files one after the other, see `read_shard`."""
+    shards = [read_shard(file, names) for file in files]
+    return {name: np.concatenate([shard[name] for shard in shards]) for name in names}
+
+
 def make_shards(
     files: Sequence[Path], make: Callable[[Path, int], bool], *, jobs: int, desc: str
 ) -> int:

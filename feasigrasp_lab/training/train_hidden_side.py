@@ -35,7 +35,7 @@ from feasigrasp.models.shape.hidden_side import (
 from feasigrasp.runs.results.arguments import positive
 from feasigrasp_lab.networks import network_arrays
 from feasigrasp_lab.results.arguments import add_run_arguments
-from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
+from feasigrasp_lab.results.finished import make_shards, read_shards, write_arrays
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT, make_shape, shape_of
 from feasigrasp_lab.training.data.views import ViewedObject, fused, turning_views
 from feasigrasp_lab.training.loop import (
@@ -193,11 +193,8 @@ def _write_shard(filename: Path, number: int, *, views: int, seed: int) -> bool:
 
 def read_pictures(files: list[Path]) -> tuple[Pictures, Pictures]:
     """Pictures and thickness to train on, and those that judge."""
-    shards = []
-    for file in files:
-        shard = read_shard(file, ("pictures", "thickness", "held_out"))
-        shards.append(tuple(shard.values()))
-    pictures, thickness, held = (np.concatenate(part) for part in zip(*shards, strict=True))
+    found = read_shards(files, ("pictures", "thickness", "held_out"))
+    pictures, thickness, held = found.values()
     return (pictures[~held], thickness[~held]), (pictures[held], thickness[held])
 
 

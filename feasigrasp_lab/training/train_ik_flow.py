@@ -17,6 +17,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp_lab.arm import in_collision, refine
+from feasigrasp_lab.networks import network_arrays
 from feasigrasp_lab.paper.ik_flow import DAMPING, IkFlow
 from feasigrasp_lab.paper.ik_flow_layers import (
     BACKGROUND,
@@ -174,9 +175,7 @@ def training_batch(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
 
 def export(network: IkFlowNetwork) -> IkFlow:
     """The flow without torch."""
-    state = network.state_dict()
-    arrays = {name: tensor.detach().cpu().numpy().copy() for name, tensor in state.items()}
-    return IkFlow(network.shape, arrays)
+    return IkFlow(network.shape, network_arrays(network))
 
 
 def held_out_metrics(network: IkFlowNetwork, q: Array, X_WF: Array) -> dict[str, float]:
