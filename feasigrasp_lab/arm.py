@@ -149,18 +149,12 @@ def refine(
 IIWA_CAPSULES = capsule_model()
 
 
-@compiled(forceinline=True)
-def in_collision_kernel(q, model, margin):
-    """Whether any pair is closer than ``margin`` [m]."""
-    doubts = doubts_kernel(model.chain, q, model.balls, model.groups, margin, 0.0, 0, 0)
-    return doubts >= 2 and collides_kernel(q, model, margin)
-
-
 @compiled(nogil=True)
 def in_collision_batch_kernel(Q, model, margin, hit):
     """Writes whether configurations (n, 7) have a pair closer than ``margin`` [m]; True for NaN."""
     for k in range(len(Q)):
-        hit[k] = in_collision_kernel(Q[k], model, margin)
+        doubts = doubts_kernel(model.chain, Q[k], model.balls, model.groups, margin, 0.0, 0, 0)
+        hit[k] = doubts >= 2 and collides_kernel(Q[k], model, margin)
 
 
 def in_collision(Q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES, margin: float = 0.0) -> Mask:

@@ -23,13 +23,9 @@ from feasigrasp.models.objects.prediction import Motion, future_poses
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import VELOCITY
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp_lab.paper.options import Law, PaperOptions, Source
+from feasigrasp_lab.paper.options import Law, PaperOptions
 from feasigrasp_lab.paper.solutions import Solutions, SolutionSearch, place_kernel
-from feasigrasp_lab.paper.sources import (
-    closed_form_configurations,
-    flow_configurations,
-    from_flow,
-)
+from feasigrasp_lab.paper.sources import from_flow
 
 _CHAIN, _N = IIWA_7.chain, IIWA_7.joints
 
@@ -165,11 +161,7 @@ class PaperJointControl:
 
     def __init__(self, reachability: Reachability, options: PaperOptions, period: float) -> None:
         self._reachability, self._options, self._period = reachability, options, period
-        closed_form = options.source == Source.CLOSED_FORM
-        find = closed_form_configurations if closed_form else flow_configurations
-        self._search = SolutionSearch(
-            reachability, period, find, options.n_solutions, options.length_scale
-        )
+        self._search = SolutionSearch(reachability, options, period)
 
     def update(
         self,

@@ -7,8 +7,6 @@ Solutions are inside the limits, clear of collisions, and apart from one another
 are known.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from feasigrasp.models.arrays import Array
@@ -28,9 +26,6 @@ from feasigrasp_lab.paper.ik_flow import load_ik_flow
 
 #: Two solutions of one grasp are at least this distance apart [rad]. Source: guessed.
 APART = 1.0
-
-#: A function with the arguments of `closed_form_configurations`, and its results.
-FindConfigurations = Callable[[Array, Array, list[Array], int, Search], list[Array]]
 
 
 def from_flow(X_WF: Array, draws: int) -> Array:

@@ -17,6 +17,7 @@ from feasigrasp.models.geometry.se3_kernels import (
     inverse_kernel,
     right_jacobian_inverse_kernel,
 )
+from feasigrasp.models.numerics.small_cholesky import cholesky_kernel, cholesky_solve_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 from feasigrasp_lab.mixtures.mixture import Parameters, evaluate_kernel, posterior_kernel
@@ -171,26 +172,16 @@ def least_norm_kernel(J: Array, V: Array, damping: float) -> Array:
     """
     # Least damping: no singular value is taken for smaller.
     square = max(damping, 1e-6) ** 2
-    L, y, qd = np.empty((6, 6)), np.empty(6), np.zeros(J.shape[1])
+    A, y, qd = np.empty((6, 6)), V.copy(), np.zeros(J.shape[1])
     for i in range(6):
         for j in range(i + 1):
             s = square if i == j else 0.0
             for k in range(J.shape[1]):
                 s += J[i, k] * J[j, k]
-            for k in range(j):
-                s -= L[i, k] * L[j, k]
-            # Least pivot of the factorisation, in case rounding eats up even that.
-            L[i, j] = np.sqrt(max(s, 1e-14)) if i == j else s / L[j, j]
-    for i in range(6):
-        s = V[i]
-        for k in range(i):
-            s -= L[i, k] * y[k]
-        y[i] = s / L[i, i]
-    for i in range(5, -1, -1):
-        s = y[i]
-        for k in range(i + 1, 6):
-            s -= L[k, i] * y[k]
-        y[i] = s / L[i, i]
+            A[i, j] = s
+    # Least pivot of the factorisation, in case rounding eats up even that.
+    cholesky_kernel(A, A, 1e-14)
+    cholesky_solve_kernel(A, y)
     for i in range(6):
         for k in range(J.shape[1]):
             qd[k] += J[i, k] * y[i]

@@ -37,26 +37,6 @@ def read_finished(filename: Path, wanted: Mapping[str, Any]) -> dict[str, Any] |
     return content if same else None
 
 
-def finish(
-    filename: Path, settings: Mapping[str, Any], make: Callable[[], Sequence[Record]]
-) -> list[Record]:
-    """The records of a piece of work, from its file if the same code and settings made that.
-
-    Args:
-        filename: JSON file of the work; a number that is not finite is null in it.
-        settings: What the records depend on, e.g. the seed.
-        make: Makes them.
-    """
-    key = {**made_with(), **settings}
-    content = read_finished(filename, {"key": key})
-    if content is None:
-        records = [{name: _plain(value) for name, value in r.items()} for r in make()]
-        content = {"key": key, "records": records}
-        write_json(content, filename)
-    found: list[Record] = content["records"]
-    return found
-
-
 def finish_all(
     items: Mapping[str, Any],
     folder: Path,
@@ -72,19 +52,25 @@ def finish_all(
         items: What is measured, by name.
         folder: Where the files are.
         settings: Further arguments of ``measure``.
-        measure: Makes the records of one item, ``measure(name, item, **settings)``.
+        measure: Makes the records of one item, ``measure(name, item, **settings)``; a number that
+            is not finite is null in the file.
         jobs: Processes at a time.
         desc: What the bar is called.
     """
-    keys = {name: {**settings, "item": item} for name, item in items.items()}
+    keys = {name: {**made_with(), **settings, "item": item} for name, item in items.items()}
     files = {name: folder / f"{name}.json" for name in items}
-    missing = [n for n in items if read_finished(files[n], {"key": made_with() | keys[n]}) is None]
+    missing = [name for name in items if read_finished(files[name], {"key": keys[name]}) is None]
     report_reuse(len(items) - len(missing), len(items), folder)
     tasks = [(files[n], keys[n], partial(measure, n, items[n], **settings)) for n in missing]
     with tqdm(total=len(items), initial=len(items) - len(missing), desc=desc) as bar:
-        for _ in in_processes(finish, tasks, jobs):
+        for _ in in_processes(_finish, tasks, jobs):
             bar.update()
     return [record for name in items for record in read_json(files[name])["records"]]
+
+
+def _finish(filename: Path, key: Mapping[str, Any], make: Callable[[], Sequence[Record]]) -> None:
+    records = [{name: _plain(value) for name, value in r.items()} for r in make()]
+    write_json({"key": key, "records": records}, filename)
 
 
 def write_arrays(filename: Path, arrays: Mapping[str, Any], *, compressed: bool = True) -> None:

@@ -195,7 +195,7 @@ def main(args: argparse.Namespace) -> int:
     print(", ".join(f"{value} {name}" for name, value in counts.items()))
     poses, held_out = split(reached, args.fit_poses, args.seed)
     del reached
-    command, git = _command(args), git_revision()
+    command, git = command_line(args, "fit reachability"), git_revision()
     metadata = {
         **settings,
         "command": command,
@@ -294,9 +294,3 @@ def _keep_folder(out: Path, settings: dict[str, Any]) -> None:
         write_json(settings, file)
     elif read_json(file) != settings:
         raise ReachabilityError(f"{out} holds results of other settings; give another --out")
-
-
-def _command(args: argparse.Namespace) -> str:
-    names = ["samples", "fit_poses", "components", "weighting", "seed"]
-    given = argparse.Namespace(**{name: getattr(args, name) for name in names})
-    return command_line(given, "fit reachability")

@@ -172,13 +172,6 @@ def object_pictures(
     return np.stack(seen), np.stack(truth)
 
 
-def make_pictures(folder: Path, objects: int, views: int, seed: int, jobs: int) -> list[Path]:
-    """Makes the shards that are not there yet, those held out among them."""
-    files = [folder / f"pictures_{number:04d}.npz" for number in range(-(-objects // SHARD))]
-    make_shards(files, partial(_write_shard, views=views, seed=seed), jobs=jobs, desc="pictures")
-    return files
-
-
 def _write_shard(filename: Path, number: int, *, views: int, seed: int) -> bool:
     seen, truth, held = [], [], []
     for index in range(number * SHARD, (number + 1) * SHARD):
@@ -287,5 +280,8 @@ def main(args: argparse.Namespace) -> int:
     quick_objects, quick_steps = 64, 40
     if args.quick:
         args.objects, args.steps = min(args.objects, quick_objects), min(args.steps, quick_steps)
-    files = make_pictures(args.out / "pictures", args.objects, args.views, args.seed, args.jobs)
+    numbers = range(-(-args.objects // SHARD))
+    files = [args.out / "pictures" / f"pictures_{number:04d}.npz" for number in numbers]
+    make = partial(_write_shard, views=args.views, seed=args.seed)
+    make_shards(files, make, jobs=args.jobs, desc="pictures")
     return Training(args, *read_pictures(files)).run()

@@ -25,7 +25,6 @@ from feasigrasp.resources import diagram_path, model_path
 from feasigrasp.runs.metrics.reference_robot import ReferenceRobot
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp_lab import arm as sc
-from feasigrasp_lab.arm import in_collision_kernel
 from tests.truths import min_distance, signed_distances, table_distances
 
 BODY_NAMES = (*IIWA_7.link_names, *HAND_NAMES)
@@ -166,8 +165,6 @@ def test_quick_verdicts_are_the_signs_of_the_distances(model, margin):
     expected = signed_distances(Q, model).min(axis=1) < margin
     assert 0 < expected.sum() < len(Q)
     np.testing.assert_array_equal(sc.in_collision(Q, model, margin), expected)
-    single = [in_collision_kernel(q, model, margin) for q in Q[-500:]]
-    np.testing.assert_array_equal(single, expected[-500:])
 
 
 @pytest.mark.parametrize("n", [0, 1, 197])
