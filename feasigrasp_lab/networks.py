@@ -27,7 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -302,15 +302,13 @@ def _with_neighbours(ring: Tensor) -> Tensor:
 class TorchGraspNetwork(GraspNetwork):
     """A grasp network with its torch module, to train and to compare with."""
 
-    @classmethod
-    def architecture(cls) -> type[nn.Module]:
-        """The class of its torch module."""
-        return ContactNetwork
+    #: The class of its torch module.
+    architecture: ClassVar[type[nn.Module]] = ContactNetwork
 
     @classmethod
     def untrained(cls, seed: int = 0) -> Self:
         """A network with random weights, to train or to test."""
-        return cls.of(seeded(cls.architecture(), seed))
+        return cls.of(seeded(cls.architecture, seed))
 
     @classmethod
     def of(cls, network: nn.Module) -> Self:
@@ -323,7 +321,7 @@ class TorchGraspNetwork(GraspNetwork):
     @cached_property
     def network(self) -> nn.Module:
         """Its torch module; changes of that are not the network's."""
-        network = self.architecture()(**self.sizes)
+        network = self.architecture(**self.sizes)
         fill_network(network, self.weights)
         return network.eval().requires_grad_(False)
 

@@ -64,14 +64,10 @@ class JudgedFilter(LeafSystem):
     remain. A pose is in reach if exact inverse kinematics finds a configuration inside the joint
     limits, free of self-collision and clear of the table, or whatever else the judge asks for.
 
-    A grasp must be in reach at the object's pose now and, as its motion is predicted, all through
-    the next ``horizon`` seconds; ``object_motion`` may be left unconnected, then it is extrapolated
-    with its velocity. Of these the hand must be able to stand back by ``way_in``, along the
-    approach direction, unless that leaves none. Of more than can be planned for, those are kept
-    that score best; which they are changes only for clearly better ones, since whoever follows a
-    grasp has to find it again. What is dropped is counted by reason in ``rejected``; ``verdicts``
-    is a tuple of strings, see `JudgedGrasps`: what became of every grasp that came in, then of
-    every flip.
+    Which grasps are kept is told by `judge_grasps`, with the motion predicted by ``object_motion``;
+    that may be left unconnected, then it is extrapolated with its velocity. What is dropped is
+    counted by reason in ``rejected``; ``verdicts`` is a tuple of strings, see `JudgedGrasps`: what
+    became of every grasp that came in, then of every flip.
     """
 
     @checked(ReachabilityError)

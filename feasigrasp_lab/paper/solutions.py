@@ -148,15 +148,7 @@ class SolutionSearch:
     def update(
         self, previous: Solutions, time: float, X_OG: Array, X_WO: Array, q: Array
     ) -> Solutions:
-        """The solutions for the next period.
-
-        Args:
-            previous: Those until now.
-            time: Now [s].
-            X_OG: Grasps on offer, in the object frame, shape (m, 4, 4).
-            X_WO: Object pose, shape (4, 4).
-            q: Joint positions [rad], shape (7,).
-        """
+        """The solutions for the next period, of grasps (m, 4, 4) in the object frame."""
         cost, scale = previous.at(min(max(time - previous.time, 0.0), self.period))
         grasp = matches(previous.X_OG, X_OG)
         target = np.where(grasp < 0, np.inf, 0.0)

@@ -213,7 +213,11 @@ def main(args: argparse.Namespace) -> int:
             space.save(path)
         fits.append(space)
     fits[-1].save(args.out / "reachable_space.npz")
-    table = [(len(space.mixture), _bic(space), space.threshold) for space in fits]
+    table = []
+    for space in fits:
+        n, k = space.metadata["counts"]["fitted"], len(space.mixture)
+        likelihood = n * space.metadata["log_likelihood_per_pose"]
+        table.append((k, bic(k, n, likelihood), space.threshold))
     rows = [
         Row.plain("reachability.bic", f"K={k}", value, "1", len(poses)) for k, value, _ in table
     ]
@@ -276,11 +280,6 @@ def _fit(
     threshold = float(np.quantile(log_densities(held_out, packed), 1.0 - 0.99))
     likelihood = float(log_densities(poses, packed).mean())
     return ReachableSpace(mixture, threshold, {**metadata, "log_likelihood_per_pose": likelihood})
-
-
-def _bic(space: ReachableSpace) -> float:
-    n = space.metadata["counts"]["fitted"]
-    return bic(len(space.mixture), n, n * space.metadata["log_likelihood_per_pose"])
 
 
 def _keep_folder(out: Path, settings: dict[str, Any]) -> None:

@@ -1,9 +1,9 @@
 """``feasigrasp train diffusion``: train the grasp-diffusion baseline on the sampler's data.
 
-From the shards of ``feasigrasp train sampler-data`` it makes valid hand poses and signed distances,
-in shards that are kept, and trains `feasigrasp_lab.baselines.diffusion_energy` on them by denoising
-score matching on SE(3). Families of shapes that are held out judge; start the same command again to
-resume.
+From the shards of ``feasigrasp train sampler-data`` it makes valid hand poses, grasps of the same
+labels put exactly on the true mesh, and signed distances, in shards that are kept. On them it
+trains `feasigrasp_lab.baselines.diffusion_energy` by denoising score matching on SE(3). Families of
+shapes that are held out judge; start the same command again to resume.
 """
 
 import argparse
@@ -35,12 +35,6 @@ from feasigrasp_lab.training.loop import (
     rows_of_step,
     without_denormals,
 )
-
-# What grasp diffusion learns from: valid hand poses and signed distances, beside the same clouds.
-#
-# Made of the shards of ``feasigrasp train sampler-data``: the clouds are the same, and the poses
-# are grasps of the same labels, put exactly on the true mesh. Only the shapes of our own
-# stream can be made again from what a shard says of them.
 
 #: Hand poses and signed distances that are kept of each example; with fewer valid poses than the
 #: last, an example is left out. Source: guessed.
@@ -155,13 +149,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class Training(TrainingRun[PoseEnergy]):
-    """One training run; the running means of the weights are what is judged and written.
-
-    Args:
-        args: Arguments of the command.
-        examples: What to train on.
-        held_out: What to judge with.
-    """
+    """One training run; the running means of the weights are what is judged and written."""
 
     weights = "grasp_diffusion.npz"
     columns = (

@@ -3,7 +3,7 @@
 First it makes pictures of household shapes, in shards that are kept: a shape is looked at from one
 to three random directions by the noisy depth camera, the distance field is fitted, and rays cast
 from behind towards a camera give the end of the object behind every pixel of its picture. Then it
-trains `feasigrasp_lab.training.train_hidden_side` on them. Whole families are held out and judge;
+trains `HiddenSideNetwork` on them. Whole families are held out and judge;
 start the same command again to resume.
 """
 
@@ -45,10 +45,6 @@ from feasigrasp_lab.training.loop import (
     without_denormals,
 )
 
-# The U-Net of the hidden side in torch, to train it.
-#
-# See `feasigrasp.models.shape.hidden_side` for what it computes, and for its weights.
-
 
 class _Block(nn.Sequential):
     """Two convolutions."""
@@ -63,7 +59,7 @@ class _Block(nn.Sequential):
 
 
 class HiddenSideNetwork(nn.Module):
-    """Thickness of the object behind every pixel, and the spread of what it may be.
+    """The U-Net of `feasigrasp.models.shape.hidden_side` in torch.
 
     It corrects the thickness that is estimated without it. Pictures (b, FEATURES, s, s) become
     medians and scales of Laplace distributions, (b, s, s) each, in units of the picture's scale;
@@ -199,13 +195,7 @@ def loss(median: Tensor, spread: Tensor, truth: Tensor) -> Tensor:
 
 
 class Training(TrainingRun[HiddenSideNetwork]):
-    """One training run; the running means of the weights are what is judged and written.
-
-    Args:
-        args: Arguments of the command.
-        train: What to train on.
-        judge: What to judge with.
-    """
+    """One training run; the running means of the weights are what is judged and written."""
 
     weights = "hidden_side.npz"
     shown = "held out {held_out_mm:.2f} mm"

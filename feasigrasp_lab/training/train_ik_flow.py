@@ -200,12 +200,7 @@ def held_out_metrics(network: IkFlowNetwork, q: Array, X_WF: Array) -> dict[str,
 
 
 class Training(TrainingRun[IkFlowNetwork]):
-    """One training run; the weights with the best held-out likelihood are kept.
-
-    Args:
-        args: Arguments of the command.
-        shape: Sizes of the networks.
-    """
+    """One training run; the weights with the best held-out likelihood are kept."""
 
     weights = "ik_flow.npz"
     columns = (

@@ -142,12 +142,7 @@ class Training(TrainingRun[nn.Module]):
     """One training run; the running means of the weights are what is judged and written.
 
     What decides which weights are kept is how well contacts are ranked. How sure probabilities are,
-    which the loss counts as well, `fit success_probability` mends.
-
-    Args:
-        args: Arguments of the command, ``out`` filled in.
-        examples: What to train on.
-        held_out: What to judge with.
+    which the loss counts as well, `feasigrasp fit certainty` mends.
     """
 
     weights = "grasp_network.npz"
