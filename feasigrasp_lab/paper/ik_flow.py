@@ -153,7 +153,8 @@ class IkFlow(Frozen):
         if not ((u >= 0.0) & (u <= 1.0)).all():
             raise ArgumentError("IkFlow.inverse: u holds latents outside [0, 1]")
         q = np.empty(u.shape)
-        with _one_thread():
+        # Matrix products keep to one thread: more cost time on a busy machine.
+        with _threads().limit(limits=1, user_api="blas"):
             for start in range(0, len(q), _CHUNK):
                 part = slice(start, start + _CHUNK)
                 self._inverse(X_WF[part, :3].copy(), u[part], q[part])
@@ -199,8 +200,3 @@ def load_ik_flow() -> IkFlow:
 @lru_cache(maxsize=1)
 def _threads() -> ThreadpoolController:
     return ThreadpoolController()
-
-
-def _one_thread() -> Any:
-    """Context in which matrix products keep to one thread: more cost time on a busy machine."""
-    return _threads().limit(limits=1, user_api="blas")

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any, TypeVar
 
 import joblib
@@ -58,11 +57,6 @@ def add_worker_arguments(parser: argparse.ArgumentParser) -> None:
         help="Do every N-th run only, from the I-th on, for job arrays. The results are in OUT/"
         "shard-I-of-N; the same command without --shard merges all of them.",
     )
-
-
-def shard_folders(out: Path) -> list[Path]:
-    """The folders of all shards in a folder of results."""
-    return sorted(out.glob("shard-*-of-*"))
 
 
 def in_processes(

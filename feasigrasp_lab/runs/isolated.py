@@ -185,15 +185,11 @@ def run_isolated(
             last = messages.read_text(errors="replace") if messages.exists() else ""
             error = f"the process ended with status {process.exitcode}: {last[-2000:].strip()}"
             record = crash_record(scenario, name, error)
-    _write(record, filename)
-    return record
-
-
-def _write(record: Record, filename: Path) -> None:
     try:
         write_json(record, filename)
-    except OutputError as error:
-        raise Unfinished(str(error), [record], 2) from error
+    except OutputError as unwritten:
+        raise Unfinished(str(unwritten), [record], 2) from unwritten
+    return record
 
 
 def _held_so_far(records: Iterable[Record | None]) -> str:

@@ -150,7 +150,7 @@ def plan(args: argparse.Namespace) -> Plan:
         modes: Sequence[str] = args.mode or study.modes
         for what, repeats in _repeats(args, study, objects).items():
             made = [
-                _quick(args, plan_run(args, name, study, (what, objects[what]), *how))
+                plan_run(args, name, study, (what, objects[what]), *how)
                 for how in itertools.product(study.variants, args.controllers, modes, repeats)
             ]
             try:
@@ -163,6 +163,9 @@ def plan(args: argparse.Namespace) -> Plan:
                 continue
             runs += {each.id: each for each in made}.values()  # one's own is not any --controllers
             if args.quick:
+                for each in (each.scenario for each in made if not each.scenario.grasp.close):
+                    # A run that does not end by itself is broken off [s].
+                    each.simulation_duration = min(each.simulation_duration, 6.0)
                 break
     if not runs:
         raise MeshError(f"{args.objects}: none of its meshes can be used: {left_out}")
@@ -227,15 +230,6 @@ def _repeats(
         name: [args.seed + test * index * count + k for k in range(count)]
         for index, name in enumerate(objects)
     }
-
-
-def _quick(args: argparse.Namespace, planned: PlannedRun) -> PlannedRun:
-    """The run, broken off early with ``--quick`` if it does not end by itself."""
-    scenario = planned.scenario
-    if args.quick and not scenario.grasp.close:
-        # With ``--quick``, a run that does not end by itself is broken off [s].
-        scenario.simulation_duration = min(scenario.simulation_duration, 6.0)
-    return planned
 
 
 def plan_run(

@@ -15,7 +15,6 @@ from feasigrasp_lab.protocols.ablations import without_ablation
 from feasigrasp_lab.protocols.tuned import is_tuned
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.results.rows import Row, report_rows, write_csv
-from feasigrasp_lab.results.workers import shard_folders
 from feasigrasp_lab.runs.isolated import report_crashes, run_all
 from feasigrasp_lab.runs.plan import Plan, PlannedRun
 
@@ -111,7 +110,10 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
     tuned = {is_tuned(p.name, p.object_name, p.scenario.random_seed) for p in runs}
     return {
         "split": split,
-        "speeds": {name: _speeds(scenario) for name, scenario in by_name.items()},
+        "speeds": {
+            name: {"path_m_s": round(largest_speed(s), 4), "spin_rad_s": abs(s.motion.spin)}
+            for name, s in by_name.items()
+        },
         "arm": _common(runs, lambda s: s.arm),
         "camera": _common(runs, _camera),
         "perception_latency_s": _common(runs, lambda s: s.perception.latency),
@@ -144,14 +146,6 @@ def _common(runs: Sequence[PlannedRun], read: Callable[[Scenario], Any]) -> Any:
     """What all runs have, or the list of what some have."""
     values = list(dict.fromkeys(read(planned.scenario) for planned in runs))
     return values[0] if len(values) == 1 else values
-
-
-def _speeds(scenario: Scenario) -> dict[str, float]:
-    """Largest speed on the path, and speed of the rotation."""
-    return {
-        "path_m_s": round(largest_speed(scenario), 4),
-        "spin_rad_s": abs(scenario.motion.spin),
-    }
 
 
 def _camera(scenario: Scenario) -> str:
@@ -231,7 +225,7 @@ def run_plan(
             args.out / "runs",
             args.jobs,
             desc=command,
-            elsewhere=[folder / "runs" for folder in shard_folders(args.out)],
+            elsewhere=sorted(args.out.glob("shard-*-of-*/runs")),
         )
     except Unfinished as stopped:
         if stopped.records:

@@ -7,7 +7,7 @@ shapes that are held out judge; start the same command again to resume.
 """
 
 import argparse
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -67,12 +67,8 @@ def write_hand_poses(filename: Path, number: int, *, shards: list[Path]) -> bool
     found: dict[str, list[Any]] = {
         name: [] for name in ("points", "normals", "X_OG", "places", "distance", "family")
     }
-    truths: dict[tuple[str, int], TrueGrasps] = {}
     for row, family in enumerate(data["family"]):
-        key = str(family), int(data["object_seed"][row])
-        if key not in truths:
-            truths[key] = _truth(*key)
-        truth = truths[key]
+        truth = _truth(str(family), int(data["object_seed"][row]))
         example = {name: data[name][row] for name in _ENTRIES[:-2]}
         poses = valid_poses(truth, example, rng)
         if len(poses) < LEAST:
@@ -125,6 +121,7 @@ def _places(truth: TrueGrasps, rng: np.random.Generator) -> Array:
     return np.concatenate([near, rng.uniform(lower, upper, (half, 3))])
 
 
+@lru_cache(maxsize=8)
 def _truth(family: str, seed: int) -> TrueGrasps:
     try:
         return TrueGrasps(make_shape(family, seed).mesh)

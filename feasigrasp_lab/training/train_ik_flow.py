@@ -5,6 +5,7 @@ their flange poses. Start the same command again to resume.
 """
 
 import argparse
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -219,7 +220,8 @@ class Training(TrainingRun[IkFlowNetwork]):
     largest_gradient = 5.0
 
     def __init__(self, args: argparse.Namespace, shape: FlowShape) -> None:
-        identity = {"seed": args.seed, "batch": args.batch, "shape": asdict(shape)}
+        sizes = json.loads(json.dumps(asdict(shape)))  # lists, as earlier checkpoints have them
+        identity = {"seed": args.seed, "batch": args.batch, "shape": sizes}
         torch.manual_seed(args.seed)
         optimizer = torch.optim.Adam, {"lr": args.learning_rate}
         super().__init__(args, IkFlowNetwork(shape), optimizer, identity)

@@ -48,23 +48,6 @@ class PointLabels(NamedTuple):
     free: Mask
 
 
-def on_true_surface(
-    truth: TrueGrasps, points: Array, normals: Array
-) -> tuple[Indices, Array, Array]:
-    """Which points (n, 3) with outward normals (n, 3) are not invented.
-
-    Returns:
-        Their indices, and for all points the nearest true ones with the normals there, (n, 3) each.
-    """
-    # A completed point counts if it is this near to the true surface [m] and turned so little
-    # [deg].
-    near, aligned_deg = 0.004, 25.0
-    at, outward = truth.closest(points)
-    real = np.linalg.norm(at - points, axis=1) <= near
-    real &= np.einsum("ij,ij->i", outward, normals) >= np.cos(np.deg2rad(aligned_deg))
-    return np.flatnonzero(real), at, outward
-
-
 def find_labels(
     truth: TrueGrasps,
     points: Array,
@@ -81,8 +64,14 @@ def find_labels(
         gripper: The hand, approaching fully open.
         rng: Turns the sets of directions that are tried.
     """
-    real, at, outward = on_true_surface(truth, points, normals)
-    index, center, b, width, cosine = _antipodal_lines(truth, real, at, outward, gripper, rng)
+    # A completed point counts if it is this near to the true surface [m] and turned so little
+    # [deg]; others are invented.
+    near, aligned_deg = 0.004, 25.0
+    at, outward = truth.closest(points)
+    real = np.linalg.norm(at - points, axis=1) <= near
+    real &= np.einsum("ij,ij->i", outward, normals) >= np.cos(np.deg2rad(aligned_deg))
+    lines = _antipodal_lines(truth, np.flatnonzero(real), at, outward, gripper, rng)
+    index, center, b, width, cosine = lines
     # Of the lines at a point the hand is tried on so many, those that oppose each other best.
     per_point = 2
     order = np.lexsort((-cosine, index))
