@@ -64,8 +64,8 @@ class JudgedFilter(LeafSystem):
     remain. A pose is in reach if exact inverse kinematics finds a configuration inside the joint
     limits, free of self-collision and clear of the table, or whatever else the judge asks for.
 
-    Which grasps are kept is told by `judge_grasps`, with the motion predicted by ``object_motion``;
-    that may be left unconnected, then it is extrapolated with its velocity. What is dropped is
+    `judge_grasps` says which grasps are kept, with the motion predicted by ``object_motion``; that
+    may be left unconnected, then it is extrapolated with its velocity. What is dropped is
     counted by reason in ``rejected``; ``verdicts`` is a tuple of strings, see `JudgedGrasps`: what
     became of every grasp that came in, then of every flip.
     """

@@ -54,9 +54,6 @@ class ProcessFault(StrEnum):
         return signal.SIGKILL if self.startswith("kill") else signal.SIGSTOP
 
 
-_AT_GUARD = [fault for fault in ProcessFault if fault.at_guard]
-
-
 def run_pair(
     name: str, scenario_yaml: str, *, rate: float, fault: str = "", at: float = 0.0
 ) -> dict[str, Any]:
@@ -77,7 +74,7 @@ def run_pair(
         HardwareError: The simulated cell came to no end; the message has its last words.
     """
     number = zlib.crc32(name.encode())
-    apart, at_guard = fault in list(Network), fault in list(_AT_GUARD)
+    apart, at_guard = fault in list(Network), fault in [f for f in ProcessFault if f.at_guard]
     cell, control = _url(name, 0), _url(name, int(apart))
     with tempfile.TemporaryDirectory(prefix="feasigrasp-") as folder:
         file, results = Path(folder, "pair.yaml"), Path(folder, "sim.json")
