@@ -26,7 +26,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.runs.results.arguments import positive
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.paper.judge import JudgeMethod
-from feasigrasp_lab.protocols.changes import Change, both
+from feasigrasp_lab.protocols.changes import Change, both, setting
 from feasigrasp_lab.protocols.tuned import rows_apart
 from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
 from feasigrasp_lab.results.finished import Record, finish_all
@@ -73,28 +73,22 @@ PROTOCOLS: dict[str, Change] = {each.__name__: each for each in (honest, hard, p
 
 #: What a sampler is followed by, by the name of the stage.
 _STAGES = {
-    "": (False, JudgeMethod.NONE),
-    "+filter": (True, JudgeMethod.NONE),
-    "+filter+reachability": (True, JudgeMethod.IK),
+    "": {"perception.filter": False, "reachability.method": JudgeMethod.NONE.value},
+    "+filter": {"perception.filter": True, "reachability.method": JudgeMethod.NONE.value},
+    "+filter+reachability": {
+        "perception.filter": True,
+        "reachability.method": JudgeMethod.IK.value,
+    },
 }
 #: The whole pipeline: what the protocols run with when nothing is left out.
 WHOLE = f"{SamplerName.NETWORK}+filter+reachability"
 
 
-def _only(sampler: str, filtered: bool, method: JudgeMethod) -> Change:
-    def change(scenario: Scenario) -> None:
-        scenario.perception.sampler = sampler
-        scenario.perception.filter = filtered
-        scenario.reachability.method = method.value
-
-    return change
-
-
 #: The paper's ablation for each of the samplers: alone, with the filter, with reachability as well.
 ABLATIONS: dict[str, Change] = {
-    f"{sampler}{stage}": _only(sampler, *parts)
+    f"{sampler}{stage}": setting({"perception.sampler": sampler} | keys)
     for sampler in sampler_names()
-    for stage, parts in _STAGES.items()
+    for stage, keys in _STAGES.items()
 }
 
 

@@ -35,7 +35,7 @@ from feasigrasp_lab.mixtures.fit import fit_riemannian_mixture
 from feasigrasp_lab.mixtures.mixture import bic
 from feasigrasp_lab.paper.float32_kernels import log_densities, pack
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
-from feasigrasp_lab.results.arguments import add_run_arguments, command_line
+from feasigrasp_lab.results.arguments import add_run_arguments, command_line, names
 from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
 from feasigrasp_lab.results.rows import Row, write_csv, write_summary
 
@@ -170,7 +170,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--components",
-        default="128",
+        type=component_counts,
+        default=[128],
         help=f"Numbers of components, separated by commas; 'sweep' is {','.join(map(str, SWEEP))}. "
         "The fit with the last one is written as reachable_space.npz.",
     )
@@ -185,7 +186,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    components = parse_components(args.components)
     thin = manipulability_reference() if args.weighting == Weighting.MANIPULABILITY else None
     settings = {"arm": "iiwa", **{name: getattr(args, name) for name in _DECISIVE}}
     _keep_folder(args.out, settings)
@@ -204,7 +204,7 @@ def main(args: argparse.Namespace) -> int:
         "counts": {**counts, "fitted": len(poses), "held_out": len(held_out)},
     }
     fits = []
-    for k in components:
+    for k in args.components:
         path = args.out / f"reachable_space_{k}.npz"
         if path.is_file():
             space = ReachableSpace.load(path)
@@ -229,21 +229,9 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def parse_components(text: str) -> tuple[int, ...]:
-    """Reads ``--components``.
-
-    Raises:
-        ReachabilityError: It is neither ``sweep`` nor a list of positive numbers.
-    """
-    if text == "sweep":
-        return SWEEP
-    try:
-        numbers = tuple(int(word) for word in text.split(","))
-    except ValueError:
-        numbers = ()
-    if not numbers or min(numbers) < 1:
-        raise ReachabilityError(f"--components {text}: give e.g. 64,128 or sweep")
-    return numbers
+def component_counts(text: str) -> list[int]:
+    """Reads ``--components``: ``sweep``, or numbers that are separated by commas."""
+    return [*SWEEP] if text == "sweep" else [positive(word) for word in names(text)]
 
 
 def split(reached: ReachedPoses, fit_poses: int, seed: int) -> tuple[Array, Array]:
