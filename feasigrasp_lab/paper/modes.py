@@ -35,7 +35,6 @@ from feasigrasp_lab.paper.joint_law import PaperJointControl
 from feasigrasp_lab.paper.options import Law, PaperOptions, Source, Targets
 from feasigrasp_lab.paper.solutions import Solutions
 from feasigrasp_lab.paper.task_law import paper_task_space_velocity
-from feasigrasp_lab.protocols.changes import setting
 
 _CHAIN = IIWA_7.chain
 
@@ -162,7 +161,9 @@ class PaperMode:
 
     def fill(self, scenario: Scenario) -> None:
         """Sets its defaults."""
-        setting(deepcopy(dict(self.keys)))(scenario)
+        for key, value in self.keys.items():
+            section, name = key.split(".")
+            setattr(getattr(scenario, section), name, deepcopy(value))
 
     def check(self, scenario: Scenario) -> None:
         """Raises ScenarioError where its options are wrong."""
