@@ -25,8 +25,9 @@ added anywhere: where a direction vanishes it is left out.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -49,6 +50,8 @@ from feasigrasp.models.grasps.network.network import (
 )
 from feasigrasp.models.grasps.network.surroundings import ROOM
 from feasigrasp.models.weights_file import WeightArrays, check_arrays
+
+Network = TypeVar("Network", bound=nn.Module)
 
 #: Squared lengths below the least normal float32 are zero: their direction is rounding. Source:
 #: numerical.
@@ -114,9 +117,9 @@ def with_mean(vectors: Tensor) -> Tensor:
     return torch.cat((vectors, mean.expand_as(vectors)), -1)
 
 
-def unit(vectors: Tensor, dim: int = -1) -> Tensor:
-    """Vectors scaled to length 1; those that vanish stay zero."""
-    square = (vectors * vectors).sum(dim, keepdim=True)
+def unit(vectors: Tensor) -> Tensor:
+    """Vectors (..., 3) scaled to length 1; those that vanish stay zero."""
+    square = (vectors * vectors).sum(-1, keepdim=True)
     return vectors * torch.where(square > _NOTHING, square, torch.inf).rsqrt()
 
 
@@ -299,19 +302,13 @@ def _with_neighbours(ring: Tensor) -> Tensor:
 class TorchGraspNetwork(GraspNetwork):
     """A grasp network with its torch module, to train and to compare with."""
 
-    @classmethod
-    def architecture(cls) -> type[nn.Module]:
-        """The class of its torch module."""
-        return ContactNetwork
+    #: The class of its torch module.
+    architecture: ClassVar[type[nn.Module]] = ContactNetwork
 
     @classmethod
     def untrained(cls, seed: int = 0) -> Self:
         """A network with random weights, to train or to test."""
-        state = torch.random.get_rng_state()
-        torch.manual_seed(seed)
-        network = cls.architecture()()
-        torch.random.set_rng_state(state)
-        return cls.of(network)
+        return cls.of(seeded(cls.architecture, seed))
 
     @classmethod
     def of(cls, network: nn.Module) -> Self:
@@ -324,9 +321,16 @@ class TorchGraspNetwork(GraspNetwork):
     @cached_property
     def network(self) -> nn.Module:
         """Its torch module; changes of that are not the network's."""
-        network = self.architecture()(**self.sizes)
+        network = self.architecture(**self.sizes)
         fill_network(network, self.weights)
         return network.eval().requires_grad_(False)
+
+
+def seeded(make: Callable[[], Network], seed: int) -> Network:
+    """A torch network with random weights; the generator of torch is left as it is."""
+    with torch.random.fork_rng(devices=()):
+        torch.manual_seed(seed)
+        return make()
 
 
 def fill_network(network: nn.Module, arrays: WeightArrays) -> None:

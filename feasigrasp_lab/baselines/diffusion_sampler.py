@@ -5,11 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.network.surface_input import grasp_input
 from feasigrasp.models.grasps.non_maximum_suppression import LEAST_SCORE, suppress_non_maxima
+from feasigrasp.models.quantities import Count
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp_lab.baselines.grasp_diffusion import (
@@ -39,17 +41,15 @@ class DiffusionSampler:
 
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
     diffusion: GraspDiffusion = field(default_factory=load_grasp_diffusion)
-    n_samples: int = 100
-    n_points: int = 256
-    n_grasps: int = 64
+    n_samples: Count = 100
+    n_points: Count = 256
+    n_grasps: Count = 64
     least_score: float = LEAST_SCORE
     seed: int = 0
 
     def __post_init__(self) -> None:
         """Checks the counts."""
-        for name in ("n_samples", "n_points", "n_grasps"):
-            if getattr(self, name) < 1:
-                raise GraspError(f"DiffusionSampler.{name} = {getattr(self, name)}; give 1 or more")
+        check_fields(self, GraspError)
 
     def __call__(self, gpdf: Gpdf) -> GraspSet:
         """Filtered grasps, best first, in the frame of the field (object frame O)."""

@@ -22,7 +22,7 @@ from feasigrasp_lab.baselines.diffusion_energy import (
     PoseEnergy,
     standard_deviation,
 )
-from feasigrasp_lab.networks import fill_network, network_arrays
+from feasigrasp_lab.networks import fill_network, network_arrays, seeded
 
 #: Time at the last step: noise of 4 mm and 1.8 degrees. Source: guessed.
 LAST_TIME = 1e-3
@@ -102,11 +102,7 @@ class GraspDiffusion(Frozen):
     @classmethod
     def untrained(cls, seed: int = 0) -> GraspDiffusion:
         """Random weights, to train or to test."""
-        state = torch.random.get_rng_state()
-        torch.manual_seed(seed)
-        network = PoseEnergy()
-        torch.random.set_rng_state(state)
-        return cls(network.eval().requires_grad_(False))
+        return cls(seeded(PoseEnergy, seed).eval().requires_grad_(False))
 
     @classmethod
     def load(cls, path: str | Path) -> GraspDiffusion:

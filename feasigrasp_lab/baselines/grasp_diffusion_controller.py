@@ -166,13 +166,7 @@ def diffusion_velocity(
 ) -> tuple[Array, Array, Array]:
     """Joint velocity down the energy by the damped pseudo-inverse, nothing enforced.
 
-    Args:
-        q: Joint positions [rad], shape (7,).
-        energy: That of the present field.
-        X_WO: Object pose, shape (4, 4).
-        V_WO: Object twist [angular; linear], shape (6,).
-        X_FG: The grasp frame on the flange, shape (4, 4).
-        options: Law and gains.
+    Arguments as of `paper_task_space_velocity`, with the energy of the present field.
 
     Returns:
         Joint velocity [rad/s], shape (7,); the Jacobian, shape (6, 7), and the twist V_WH that it
@@ -228,17 +222,9 @@ class GraspDiffusionController(GraspController):
         safety: SafetyOptions | None = None,
         period: float = ReachabilityConfig.period,
     ) -> None:
-        """A controller that descends an energy.
+        """A controller that descends an energy, by default the one that comes with the package.
 
-        Args:
-            reachability: Test, with the hand on the flange.
-            options: Law and gains.
-            diffusion: The energy; by default the one that comes with the package.
-            safety: Margins of the QP.
-            period: Time between updates [s].
-
-        Raises:
-            WeightsError: The energy's weights are missing or broken.
+        Other arguments as of `GraspController`, and law and gains.
         """
         super().__init__(reachability, DiffusedField(), safety=safety, period=period)
         self._options = options or PaperOptions()

@@ -88,19 +88,10 @@ def nearest_grasp_velocity(
     reachability: Reachability,
     options: PaperOptions,
 ) -> Array:
-    """Joint velocity of the damped pseudo-inverse towards the grasp, nothing enforced.
+    """Joint velocity (7,) [rad/s] of the damped pseudo-inverse towards a grasp, nothing enforced.
 
-    Args:
-        q: Joint positions [rad], shape (7,).
-        grasp: What is followed.
-        X_WO: Object pose, shape (4, 4).
-        V_WO: Object twist [angular; linear], shape (6,).
-        reachability: Test of the grasp.
-        options: Gain, damping and feed-forward.
-
-    Returns:
-        Joint velocity [rad/s], shape (7,); zero without a grasp in reach, or if anything is not
-        finite.
+    Arguments as of `paper_task_space_velocity`. It is zero without a grasp in reach, or if anything
+    is not finite.
     """
     known = np.isfinite(X_WO).all() and np.isfinite(V_WO).all()
     if not (grasp and known and reachability.reachable(X_WO @ grasp.X_OG)[0]):

@@ -1,7 +1,6 @@
 """``feasigrasp bench kinematics``: time the arm's kinematics beside its peers.
 
-Everything is timed in one go on one thread, so that what is compared ran under the same
-conditions; nothing is taken over from an earlier run. `DIR/timings.csv` has all timings.
+Everything is timed in one go on one thread; `DIR/timings.csv` has all timings.
 """
 
 import argparse
@@ -13,7 +12,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp_lab.arm import in_collision
-from feasigrasp_lab.paper.ik_flow import IkFlow
+from feasigrasp_lab.paper.ik_flow import load_ik_flow
 from feasigrasp_lab.peers import DrakeArm
 from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.timing import Case, report_bench, time_cases
@@ -52,7 +51,7 @@ def cases(seed: int) -> Iterator[Case]:
     yield Case(_COLLISION, "default", lambda: in_collision(Q), len(Q))
     yield Case(_COLLISION, "peer:drake", lambda: drake.in_collision(Q), len(Q))
     yield Case(_INVERSE, "default", lambda: reachability.nearest(X_WG, IIWA_7.home))
-    flow = IkFlow.load_default()
+    flow = load_ik_flow()
     yield Case("bench.ik_flow_ms.100", "default", lambda: flow.solve(X_WF))
 
 

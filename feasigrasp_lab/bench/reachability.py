@@ -10,6 +10,7 @@ On one thread; nothing is taken over from an earlier run. `DIR/timings.csv` has 
 
 import argparse
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from feasigrasp.models.reach.interception import InterceptionOptions, Situation
 from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.paper.judge import JudgeMethod, PoseJudge
-from feasigrasp_lab.paper.predicted_reachability import KeepingRule, judge_grasps
+from feasigrasp_lab.paper.predicted_reachability import judge_grasps
 from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.results.timing import Case, report_bench, time_cases
@@ -61,11 +62,11 @@ def main(args: argparse.Namespace) -> int:
 def _filter_rows(grasps: GraspSet, seconds: float) -> list[Row]:
     reachability, X_WG = Reachability(), X_WO @ grasps.X_OG
     now = Situation(0.0, IIWA_7.home, np.zeros(IIWA_7.joints), X_WO, V_WO)
-    rule = KeepingRule(n_best=2 * GRASPS, score_share=0.0)
+    every: dict[str, Any] = {"n_best": 2 * GRASPS, "score_share": 0.0}
     cases: list[Case] = []
     for method in (JudgeMethod.IK, JudgeMethod.RMM, JudgeMethod.BOTH):
         judge, name = PoseJudge(reachability, method), f"bench.reachability_filter_ms.{method}"
-        whole = partial(judge_grasps, grasps, X_WO, V_WO, judge, rule=rule)
+        whole = partial(judge_grasps, grasps, X_WO, V_WO, judge, **every)
         if method == JudgeMethod.IK:
             whole = partial(feasible_grasps, grasps, now, reachability, InterceptionOptions())
         cases.append(Case(name, "default", partial(judge.verdicts, X_WG)))

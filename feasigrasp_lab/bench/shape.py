@@ -1,7 +1,6 @@
 """``feasigrasp bench shape``: time the distance field beside its peers.
 
-Everything is timed in one go on one thread, so that what is compared ran under the same
-conditions; nothing is taken over from an earlier run. `DIR/timings.csv` has all timings.
+Everything is timed in one go on one thread; `DIR/timings.csv` has all timings.
 """
 
 import argparse

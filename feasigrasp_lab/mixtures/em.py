@@ -14,6 +14,7 @@ import numpy as np
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import (
+    compose_kernel,
     exp_kernel,
     quaternion_kernel,
     quaternion_log_kernel,
@@ -206,19 +207,6 @@ def _whiten(covariance: Array, W: Array) -> float:
 
 
 @compiled
-def _move(X: Array, v: Array) -> None:
-    """X <- X exp(v)."""
-    Y = exp_kernel(v)
-    row = np.empty(4)
-    for i in range(3):
-        for j in range(4):
-            row[j] = X[i, 0] * Y[0, j] + X[i, 1] * Y[1, j] + X[i, 2] * Y[2, j]
-        row[3] += X[i, 3]
-        for j in range(4):
-            X[i, j] = row[j]
-
-
-@compiled
 def _move_means(means: Array, mass: Array, first: Array, scale: Array) -> float:
     """Moves every mean by its mean tangent; returns the largest step in units of ``scale``."""
     largest, u = 0.0, np.empty(6)
@@ -226,7 +214,7 @@ def _move_means(means: Array, mass: Array, first: Array, scale: Array) -> float:
         for a in range(6):
             u[a] = first[i, a] / mass[i]
             largest = max(largest, abs(u[a]) / scale[a])
-        _move(means[i], u)
+        means[i] = compose_kernel(means[i], exp_kernel(u))
     return largest
 
 

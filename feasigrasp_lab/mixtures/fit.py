@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -126,11 +126,7 @@ def fit_riemannian_mixture(
         GraspError: If X is empty, not finite or not rigid, or a parameter is out of range.
     """
     problem = _Problem(
-        np.asarray(X),
-        rotation_floor,
-        translation_floor,
-        max_iterations,
-        tolerance,
+        np.asarray(X), Stop(max_iterations, tolerance), rotation_floor, translation_floor
     )
     return problem.seeded(n_components, rng).mixture()
 
@@ -143,7 +139,8 @@ def fit_best_mixture(
     *,
     start: RiemannianMixture | None = None,
     max_rotation: Annotated[float, Number(above=0.0, most=math.pi)] = math.pi,
-    **options: Any,
+    max_iterations: Count = 50,
+    tolerance: float = 1e-4,
 ) -> RiemannianMixture:
     """The fit with the lowest Bayesian information criterion (BIC).
 
@@ -160,12 +157,13 @@ def fit_best_mixture(
         max_rotation: Fits that leave a pose farther than this from all means [rad] are taken only
             if all do. A wide Gaussian that straddles opposite hand poses has its mean where no
             pose is; BIC alone can prefer it when poses are few.
-        options: Those of :func:`fit_riemannian_mixture`.
+        max_iterations: See :func:`fit_riemannian_mixture`.
+        tolerance: See there.
 
     Raises:
         GraspError: As :func:`fit_riemannian_mixture`.
     """
-    problem = _Problem(np.asarray(X), **options)
+    problem = _Problem(np.asarray(X), Stop(max_iterations, tolerance))
     most = max(1, min(max_components, len(problem.X)))
     if start is None:
         fits = [problem.seeded(k, rng) for k in range(1, most + 1)]
@@ -201,10 +199,9 @@ class _Problem:
     """Poses (n, 4, 4) to fit to, and how to fit."""
 
     X: Array
+    stop: Stop
     rotation_floor: float = 0.05
     translation_floor: float = 0.005
-    max_iterations: int = 50
-    tolerance: float = 1e-4
     samples: Samples = field(init=False)
     scale: Array = field(init=False)
     floor: Array = field(init=False)
@@ -212,10 +209,6 @@ class _Problem:
     def __post_init__(self) -> None:
         if len(self.X) == 0:
             raise GraspError("a mixture's X is empty; give poses (n, 4, 4), n >= 1")
-        for name in ("rotation_floor", "translation_floor", "max_iterations"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise GraspError(f"fit_riemannian_mixture: {name} = {value} must be positive.")
         self.samples = Samples(
             np.ascontiguousarray(se3.quaternions(self.X).T),
             np.ascontiguousarray(self.X[:, :3, 3].T),
@@ -264,7 +257,7 @@ class _Problem:
             np.ascontiguousarray(covariances),
             self.scale,
             self.floor,
-            Stop(self.max_iterations, self.tolerance),
+            self.stop,
         )
         return _Fit(found[0], found[1], found[2], float(found[3][-1]))
 

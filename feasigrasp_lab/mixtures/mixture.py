@@ -116,9 +116,8 @@ class RiemannianMixture(Frozen):
     mean (the paper's section III-C), so that moving all means and x together changes nothing.
     The arrays are read-only and a deep copy is the object itself.
 
-    Methods take poses ``X`` of shape (..., 4, 4) and keep the leading axes: one pose (4, 4) at
-    the control rate (a few microseconds), (n, 4, 4) for a set. Numba code calls the kernels of
-    :mod:`feasigrasp_lab.mixtures.mixture` with ``parameters``.
+    Methods take poses ``X`` of shape (..., 4, 4) and keep the leading axes. Numba code calls the
+    kernels of :mod:`feasigrasp_lab.mixtures.mixture` with ``parameters``.
 
     Attributes:
         weights: Component weights, non-negative, normalised to sum 1, shape (K,). A weight of
@@ -172,50 +171,24 @@ class RiemannianMixture(Frozen):
         return len(self.weights)
 
     @checked(GraspError)
-    def tangents(self, X: Annotated[ArrayLike, ANY_POSES]) -> Array:
-        """Log_mu_i(x), shape (..., K, 6) [rad, m]."""
-        return self._evaluate(X)[0]
-
-    @checked(GraspError)
     def component_log_densities(self, X: Annotated[ArrayLike, ANY_POSES]) -> Array:
         """Log of N(x; mu_i, Sigma_i), without the weights, shape (..., K)."""
-        return self._evaluate(X)[1]
-
-    @checked(GraspError)
-    def responsibilities(self, X: Annotated[ArrayLike, ANY_POSES]) -> Array:
-        """Probability that each component made x, shape (..., K); sums to 1 at any distance."""
-        return self._evaluate(X)[2]
+        return self._evaluate(X)[0]
 
     @checked(GraspError)
     def log_density(self, X: Annotated[ArrayLike, ANY_POSES]) -> Array:
         """Log density of the mixture, shape (...); finite far from every component."""
-        return self._evaluate(X)[3]
+        return self._evaluate(X)[1]
 
-    @checked(GraspError)
-    def log_density_gradient(self, X: Annotated[ArrayLike, ANY_POSES]) -> Array:
-        """Gradient of the log density for a body perturbation ``x exp(eps)``, shape (..., 6).
-
-        ``sum_i r_i J_r^-T(xi_i) (-Sigma_i^-1 xi_i)`` with ``xi_i = Log_mu_i(x)``. The paper prints
-        ``J_r^-1(mu^-1)`` instead (section IV-D.1), which disagrees with finite differences.
-        """
-        tangents, r = self.tangents(X), self.responsibilities(X)
-        W = self.parameters.whitening
-        pulls = np.einsum("kji,kjl,...kl->...ki", W, W, tangents)
-        J = se3.right_jacobian_inverse(tangents)
-        return np.asarray(-np.einsum("...k,...kji,...kj->...i", r, J, pulls))
-
-    def _evaluate(self, X: ArrayLike) -> tuple[Array, Array, Array, Array]:
+    def _evaluate(self, X: ArrayLike) -> tuple[Array, Array]:
         X = np.asarray(X)
         lead, X = X.shape[:-2], X.reshape(-1, 4, 4)
         n, k = len(X), len(self)
-        out = np.empty((n, k, 6)), np.empty((n, k)), np.empty((n, k)), np.empty(n)
-        evaluate_poses(X, self.parameters, *out)
-        return (
-            out[0].reshape(*lead, k, 6),
-            out[1].reshape(*lead, k),
-            out[2].reshape(*lead, k),
-            out[3].reshape(lead),
+        log_densities, total = np.empty((n, k)), np.empty(n)
+        evaluate_poses(
+            X, self.parameters, np.empty((n, k, 6)), log_densities, np.empty((n, k)), total
         )
+        return log_densities.reshape(*lead, k), total.reshape(lead)
 
 
 def bic(components: int, poses: int, log_likelihood: float) -> float:

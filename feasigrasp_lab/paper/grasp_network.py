@@ -92,11 +92,7 @@ class PaperGraspNetwork(TorchGraspNetwork):
     """The paper's network, ready to propose; it runs on the threads of torch."""
 
     preset: ClassVar[str] = "paper"
-
-    @classmethod
-    def architecture(cls) -> type[nn.Module]:
-        """The class of its torch module."""
-        return PaperNetwork
+    architecture = PaperNetwork
 
     def check(self) -> None:
         """Raises ValueError where arrays are missing, or not of the architecture."""

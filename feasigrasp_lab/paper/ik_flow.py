@@ -18,7 +18,7 @@ Inference needs NumPy and numba only. Everything that comes out lies inside the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,7 +30,7 @@ from threadpoolctl import ThreadpoolController
 from feasigrasp.errors import ArgumentError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.quantities import POSES, ArrayOf, Count, Whole
+from feasigrasp.models.quantities import POSES, ArrayOf, Whole
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.weights_file import WeightArrays, WeightsFormat, check_arrays
 from feasigrasp_lab import WEIGHTS
@@ -39,7 +39,6 @@ from feasigrasp_lab.paper.ik_flow_layers import (
     FEATURES,
     FlowShape,
     features_kernel,
-    latent_kernel,
     quantile_kernel,
     turn_kernel,
 )
@@ -53,7 +52,7 @@ _FILE = WeightsFormat("IK flow", "feasigrasp ik_flow 1", "feasigrasp train ik-fl
 DAMPING = 0.01
 #: Rows that go through the networks together: bounds the memory. Source: numerical.
 _CHUNK = 4096
-_CONFIGURATIONS, _LATENTS = ArrayOf(("n", IIWA_7.joints), "rad"), ArrayOf(("n", IIWA_7.joints))
+_LATENTS = ArrayOf(("n", IIWA_7.joints))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,15 +80,6 @@ class IkFlow(Frozen):
             raise ArgumentError(f"IkFlow.arrays: {error}") from None
 
     @classmethod
-    def load_default(cls) -> IkFlow:
-        """The flow that comes with the package, loaded once.
-
-        Raises:
-            WeightsError: See `load`.
-        """
-        return _load_default()
-
-    @classmethod
     @checked()
     def load(cls, path: str | Path) -> IkFlow:
         """Loads a flow that `save` wrote.
@@ -109,13 +99,11 @@ class IkFlow(Frozen):
     @checked()
     def save(self, path: str | Path) -> None:
         """Writes sizes and weights into one ``.npz`` file, whole or not at all."""
-        _FILE.save(path, {"shape": self.shape.as_dict()}, self.arrays)
+        _FILE.save(path, {"shape": asdict(self.shape)}, self.arrays)
 
     @checked()
-    def sample(
-        self, X_WF: Annotated[ArrayLike, POSES], seed: Whole = 0, per_pose: Count = 1
-    ) -> Array:
-        """Draws configurations, not refined yet.
+    def sample(self, X_WF: Annotated[ArrayLike, POSES], seed: Whole = 0) -> Array:
+        """Draws one configuration of each pose, not refined yet.
 
         The latents depend on the seed and the place in the batch alone: the same call with poses
         that have moved a little gives configurations that have moved a little.
@@ -123,44 +111,30 @@ class IkFlow(Frozen):
         Args:
             X_WF: Flange poses (n, 4, 4) [m].
             seed: Of the latents.
-            per_pose: Number of configurations of each pose.
 
         Returns:
-            Shape (n, per_pose, 7) [rad], inside the joint limits.
+            Shape (n, 7) [rad], inside the joint limits.
 
         Raises:
             ArgumentError: The poses have another shape, are not finite, or are none.
         """
         X_WF = np.asarray(X_WF)
-        u = np.random.default_rng(seed).random((len(X_WF), per_pose, IIWA_7.joints))
-        repeated = np.repeat(X_WF, per_pose, axis=0)
-        return self.inverse(repeated, u.reshape(-1, IIWA_7.joints)).reshape(u.shape)
+        return self.inverse(X_WF, np.random.default_rng(seed).random((len(X_WF), IIWA_7.joints)))
 
     @checked()
-    def solve(
-        self, X_WF: Annotated[ArrayLike, POSES], seed: Whole = 0, refinement_steps: Whole = 3
-    ) -> Array:
-        """One configuration of each pose: a sample, refined by damped least squares.
+    def solve(self, X_WF: Annotated[ArrayLike, POSES], seed: Whole = 0) -> Array:
+        """One configuration of each pose: a `sample`, refined by 3 steps of damped least squares.
 
-        Args:
-            X_WF: Flange poses (n, 4, 4) [m].
-            seed: Of the latents, see `sample`.
-            refinement_steps: Newton-like steps after the sample.
-
-        Returns:
-            Shape (n, 7) [rad], inside the joint limits. A few do not reach their pose: compare
-            forward kinematics, and see `feasigrasp_lab.arm`.
-
-        Raises:
-            ArgumentError: See `sample`.
+        A few do not reach their pose: compare forward kinematics.
         """
         X_WF = np.asarray(X_WF)
-        q = self.sample(X_WF, seed)[:, 0]
-        return refine(X_WF, q, refinement_steps, DAMPING, limit_margin=0.0)[0]
+        return refine(X_WF, self.sample(X_WF, seed), 3, DAMPING, limit_margin=0.0)[0]
 
     @checked()
     def inverse(
-        self, X_WF: Annotated[ArrayLike, POSES], u: Annotated[ArrayLike, _LATENTS]
+        self,
+        X_WF: Annotated[ArrayLike, POSES],
+        u: Annotated[ArrayLike, _LATENTS],
     ) -> Array:
         """From latents to configurations.
 
@@ -179,7 +153,8 @@ class IkFlow(Frozen):
         if not ((u >= 0.0) & (u <= 1.0)).all():
             raise ArgumentError("IkFlow.inverse: u holds latents outside [0, 1]")
         q = np.empty(u.shape)
-        with _one_thread():
+        # Matrix products keep to one thread: more cost time on a busy machine.
+        with _threads().limit(limits=1, user_api="blas"):
             for start in range(0, len(q), _CHUNK):
                 part = slice(start, start + _CHUNK)
                 self._inverse(X_WF[part, :3].copy(), u[part], q[part])
@@ -194,39 +169,6 @@ class IkFlow(Frozen):
             quantile_kernel(*mixture, u[:, joint], angle)
             turn_kernel(target, joint, angle)
             q[:, joint] = angle
-
-    @checked()
-    def forward(
-        self, X_WF: Annotated[ArrayLike, POSES], q: Annotated[ArrayLike, _CONFIGURATIONS]
-    ) -> tuple[Array, Array]:
-        """The inverse of `inverse`: from configurations inside the limits to latents.
-
-        Args:
-            X_WF: Flange poses (n, 4, 4) [m].
-            q: Joint positions (n, 7) [rad].
-
-        Returns:
-            Latents (n, 7) and log densities (n,) of the configurations [1/rad^7].
-
-        Raises:
-            ArgumentError: A configuration outside the limits, or poses as in `sample`.
-        """
-        X_WF = np.asarray(X_WF)
-        q = np.asarray(q)
-        if not (np.abs(q) <= IIWA_7.upper).all():
-            raise ArgumentError("IkFlow.forward: q must hold positions inside the limits")
-        u, log_density = np.empty(q.shape), np.zeros(len(q))
-        target = X_WF[:, :3].copy()
-        for joint in range(IIWA_7.joints):
-            with _one_thread():
-                head, azimuth = self._head(target, joint)
-            angle, latent, term = q[:, joint].copy(), np.empty(len(q)), np.empty(len(q))
-            mixture = head, self.shape.narrowest, azimuth, IIWA_7.upper[joint]
-            latent_kernel(*mixture, angle, latent, term)
-            turn_kernel(target, joint, angle)
-            u[:, joint] = latent
-            log_density += term
-        return u, log_density
 
     def _head(self, target: Array, joint: int) -> tuple[WeightArray, Array]:
         """Outputs of a joint's network; moves the targets (n, 3, 4) to the joint."""
@@ -246,15 +188,15 @@ class IkFlow(Frozen):
 
 
 @lru_cache(maxsize=1)
-def _load_default() -> IkFlow:
+def load_ik_flow() -> IkFlow:
+    """The flow that comes with the package, loaded once.
+
+    Raises:
+        WeightsError: See `IkFlow.load`.
+    """
     return IkFlow.load(DEFAULT_WEIGHTS)
 
 
 @lru_cache(maxsize=1)
 def _threads() -> ThreadpoolController:
     return ThreadpoolController()
-
-
-def _one_thread() -> Any:
-    """Context in which matrix products keep to one thread: more cost time on a busy machine."""
-    return _threads().limit(limits=1, user_api="blas")

@@ -53,17 +53,9 @@ class FlowShape:
     hidden: tuple[tuple[int, ...], ...] = ((256, 256, 256),) * 2 + ((96, 96),) * 5
     narrowest: float = 1e-3
 
-    def as_dict(self) -> dict[str, Any]:
-        """For a file: lists instead of tuples."""
-        return {
-            "components": list(self.components),
-            "hidden": [list(widths) for widths in self.hidden],
-            "narrowest": self.narrowest,
-        }
-
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> FlowShape:
-        """From `as_dict`.
+        """From what `dataclasses.asdict` gives.
 
         Raises:
             KeyError: An entry is missing.
@@ -245,13 +237,3 @@ def quantile_kernel(head, narrowest, azimuth, limit, u, q):
             if before < 1e-10:
                 break
         q[n] = x
-
-
-@compiled
-def latent_kernel(head, narrowest, azimuth, limit, q, u, log_density):
-    """The way back: from angles q (n,) to latents u (n,), and log densities (n,)."""
-    mixture = np.empty((7, head.shape[1] // 4))
-    for n in range(len(q)):
-        background = _mixture(head[n], narrowest, azimuth[n], limit, mixture)
-        u[n], density = _cdf(q[n], limit, background, mixture)
-        log_density[n] = math.log(density)

@@ -5,11 +5,9 @@ way that is left decreases at the rate k, the solutions' own velocity is fed for
 solutions keep their identity. All solutions are worth the same, and nothing is enforced.
 """
 
-from functools import partial
-
 import numpy as np
 
-from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.horizon.distance_field import (
     NOISE_VARIANCE,
@@ -27,12 +25,7 @@ from feasigrasp.models.robot.arm import VELOCITY
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.paper.options import Law, PaperOptions
 from feasigrasp_lab.paper.solutions import Solutions, SolutionSearch, place_kernel
-from feasigrasp_lab.paper.sources import (
-    DRAWS,
-    Draw,
-    closed_form_configurations,
-    drawn_configurations,
-)
+from feasigrasp_lab.paper.sources import from_flow
 
 _CHAIN, _N = IIWA_7.chain, IIWA_7.joints
 
@@ -43,43 +36,6 @@ GAINS = (8.0, 1.0)
 _INSTANT = 1e-5
 #: Solutions that count less than this are not fed forward. Source: numerical.
 _NEGLIGIBLE = 1e-4
-
-
-def _resampled(draw: Draw, n: int, X_WF: Array) -> tuple[Array, Indices]:
-    """Configurations of flange poses, as many of each, from the same random numbers at every call.
-
-    Args:
-        draw: Where they come from.
-        n: How many are drawn; those that miss their pose are left out.
-        X_WF: Flange poses, shape (m, 4, 4); m > 0.
-
-    Returns:
-        Configurations (k, 7) [rad], and which pose each reaches, shape (k,).
-    """
-    drawn = draw(X_WF, -(-n // len(X_WF)))
-    # The first of every pose, then the second, up to the number that is wanted.
-    found = drawn.swapaxes(0, 1).reshape(-1, _N)[:n]
-    reached = np.isfinite(found).all(axis=1)
-    return found[reached], (np.arange(len(found)) % len(X_WF))[reached]
-
-
-def _still(q: Array, X_OG: Array, length_scale: float, time: float) -> Solutions:
-    """Solutions that cost nothing.
-
-    Args:
-        q: Their configurations, shape (k, 7) [rad].
-        X_OG: Their grasps in the object frame, shape (k, 4, 4).
-        length_scale: Of the field [rad].
-        time: Now [s].
-    """
-    return Solutions(
-        X_OG,
-        np.array([branch_kernel(_CHAIN, one) for one in q], dtype=np.int64),
-        np.array([arm_angle_kernel(_CHAIN, one) for one in q]),
-        np.zeros((len(q), 2)),
-        np.array([length_scale, 0.0]),
-        time,
-    )
 
 
 @compiled
@@ -169,11 +125,7 @@ class PaperJointControl:
 
     def __init__(self, reachability: Reachability, options: PaperOptions, period: float) -> None:
         self._reachability, self._options, self._period = reachability, options, period
-        find, draw = closed_form_configurations, DRAWS.get(options.source)
-        self._search = SolutionSearch(
-            *(reachability, period, find if draw is None else partial(drawn_configurations, draw)),
-            *(options.n_solutions, options.length_scale),
-        )
+        self._search = SolutionSearch(reachability, options, period)
 
     def update(
         self,
@@ -185,7 +137,7 @@ class PaperJointControl:
         q: Array,
         motion: Motion | None = None,
     ) -> Solutions:
-        """The solutions for the next period.
+        """The solutions for the next period; the previous ones if anything is not finite.
 
         Args:
             previous: Those until now.
@@ -195,33 +147,39 @@ class PaperJointControl:
             V_WO: Object twist [angular; linear], shape (6,).
             q: Joint positions [rad], shape (7,).
             motion: What is known of the object's motion.
-
-        Returns:
-            Those until now if the object's pose or twist is not finite.
         """
         if not np.isfinite(X_WO.sum() + V_WO.sum() + q.sum()):
             return previous
         (X_WO,), q = future_poses(motion, X_WO, V_WO, 0.0), np.ascontiguousarray(q, dtype=float)
-        options, X_OG = self._options, grasps.X_OG
-        if not options.resample:
+        X_OG = grasps.X_OG
+        if not self._options.resample:
             return self._search.update(previous, time, X_OG, X_WO, q)
         if len(X_OG) == 0:
             return Solutions.empty(time)
-        X_WF = self._search.flange_poses(X_OG, X_WO)
-        found, grasp = _resampled(DRAWS[options.source], options.n_solutions, X_WF)
-        return _still(found, X_OG[grasp], self._search.length_scale(found), time)
+        return self._drawn(X_OG, X_WO, time)
+
+    def _drawn(self, X_OG: Array, X_WO: Array, time: float) -> Solutions:
+        """As many draws of each grasp (m, 4, 4), from the same random numbers at every call."""
+        X_WF, n = self._search.flange_poses(X_OG, X_WO), self._options.n_solutions
+        # The first of every pose, then the second, up to the number that is wanted.
+        found = from_flow(X_WF, -(-n // len(X_WF))).swapaxes(0, 1).reshape(-1, _N)[:n]
+        reached = np.isfinite(found).all(axis=1)
+        grasp, q = (np.arange(len(found)) % len(X_WF))[reached], found[reached]
+        return Solutions(
+            X_OG[grasp],
+            np.array([branch_kernel(_CHAIN, one) for one in q], dtype=np.int64),
+            np.array([arm_angle_kernel(_CHAIN, one) for one in q]),
+            np.zeros((len(q), 2)),
+            np.array([self._search.length_scale(q), 0.0]),
+            time,
+        )
 
     def velocity(
         self, q: Array, solutions: Solutions, time: float, X_WO: Array, V_WO: Array
     ) -> Array:
         """The command [rad/s], shape (7,); zero without solutions or if anything is not finite.
 
-        Args:
-            q: Joint positions [rad], shape (7,).
-            solutions: Those of the last update.
-            time: Now [s].
-            X_WO: Object pose, shape (4, 4).
-            V_WO: Object twist [angular; linear], shape (6,).
+        Arguments as of `update`.
         """
         if len(solutions) == 0 or not np.isfinite(q.sum() + X_WO.sum() + V_WO.sum()):
             return np.zeros(_N)

@@ -39,25 +39,9 @@ from feasigrasp.systems.ports import (
 from feasigrasp_lab.paper.predicted_reachability import (
     WAY_IN,
     Judge,
-    KeepingRule,
     judge_grasps,
 )
 from feasigrasp_lab.paper.reachable_space import ReachableSpace, SpaceName
-
-
-def make_judged_filter(scenario: Scenario, judge: Judge) -> JudgedFilter:
-    """The filter of a scenario by a judge; modes that enforce nothing skip the way in."""
-    config = scenario.reachability
-    for name in config.options:
-        parse_word(("space", "horizon"), name, "a key of reachability.options", ScenarioError)
-    horizon: Any = config.options.get("horizon", 1.0)
-    return JudgedFilter(
-        judge,
-        horizon=horizon,
-        symmetric_grasps=config.symmetric_grasps,
-        way_in=WAY_IN if scenario.control.safe else 0.0,
-        period=config.period,
-    )
 
 
 class JudgedFilter(LeafSystem):
@@ -80,14 +64,10 @@ class JudgedFilter(LeafSystem):
     remain. A pose is in reach if exact inverse kinematics finds a configuration inside the joint
     limits, free of self-collision and clear of the table, or whatever else the judge asks for.
 
-    A grasp must be in reach at the object's pose now and, as its motion is predicted, all through
-    the next ``horizon`` seconds; ``object_motion`` may be left unconnected, then it is extrapolated
-    with its velocity. Of these the hand must be able to stand back by ``way_in``, along the
-    approach direction, unless that leaves none. Of more than can be planned for, those are kept
-    that score best; which they are changes only for clearly better ones, since whoever follows a
-    grasp has to find it again. What is dropped is counted by reason in ``rejected``; ``verdicts``
-    is a tuple of strings, see `JudgedGrasps`: what became of every grasp that came in, then of
-    every flip.
+    `judge_grasps` says which grasps are kept, with the motion predicted by ``object_motion``; that
+    may be left unconnected, then it is extrapolated with its velocity. What is dropped is
+    counted by reason in ``rejected``; ``verdicts`` is a tuple of strings, see `JudgedGrasps`: what
+    became of every grasp that came in, then of every flip.
     """
 
     @checked(ReachabilityError)
@@ -136,7 +116,8 @@ class JudgedFilter(LeafSystem):
             self._horizon,
             motion=optional(self._motion, context),
             kept_before=self._kept_before.Eval(context),
-            rule=KeepingRule(symmetric_grasps=self._symmetric_grasps, way_in=self._way_in),
+            symmetric_grasps=self._symmetric_grasps,
+            way_in=self._way_in,
         )
 
 
@@ -176,7 +157,7 @@ class PoseJudge(Frozen):
         method = parse_choice(JudgeMethod, self.method, "reachability method", ReachabilityError)
         object.__setattr__(self, "method", method)
         if method in (JudgeMethod.RMM, JudgeMethod.BOTH) and self.space is None:
-            object.__setattr__(self, "space", ReachableSpace.load_default())
+            object.__setattr__(self, "space", ReachableSpace.load_named())
 
     @checked(ReachabilityError)
     def verdicts(self, X_WG: Annotated[ArrayLike, ANY_POSES]) -> NDArray[np.int8]:
@@ -196,9 +177,19 @@ class PoseJudge(Frozen):
 
 
 def _filter(method: JudgeMethod, scenario: Scenario, reachability: Reachability) -> JudgedFilter:
-    space = str(scenario.reachability.options.get("space", SpaceName.DEFAULT))
-    judge = PoseJudge(reachability, method, ReachableSpace.load_named(space))
-    return make_judged_filter(scenario, judge)
+    """The filter of a scenario; modes that enforce nothing skip the way in."""
+    config = scenario.reachability
+    for name in config.options:
+        parse_word(("space", "horizon"), name, "a key of reachability.options", ScenarioError)
+    space = ReachableSpace.load_named(str(config.options.get("space", SpaceName.DEFAULT)))
+    horizon: Any = config.options.get("horizon", 1.0)
+    return JudgedFilter(
+        PoseJudge(reachability, method, space),
+        horizon=horizon,
+        symmetric_grasps=config.symmetric_grasps,
+        way_in=WAY_IN if scenario.control.safe else 0.0,
+        period=config.period,
+    )
 
 
 #: The values ``rmm``, ``both`` and ``none`` of ``reachability.method``.

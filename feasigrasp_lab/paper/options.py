@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.choices import Span, nearest, parse_choice
+from feasigrasp.models.choices import key, metadata_of, nearest, parse_word, word
 from feasigrasp.scenario.schema import Scenario
 
 
@@ -22,7 +22,6 @@ class Source(StrEnum):
 
     CLOSED_FORM = "closed_form"
     FLOW = "flow"  # the IK flow, as in the paper
-    DLS = "dls"  # damped least squares from random configurations
 
 
 class Targets(StrEnum):
@@ -30,15 +29,6 @@ class Targets(StrEnum):
 
     MEDOIDS = "medoids"  # its most plausible grasp
     MEANS = "means"  # its mean, which need not be one
-
-
-#: Ranges of the numbers.
-_SPANS = {
-    "gain": Span(0, 1000, "1/s"),
-    "damping": Span(0, 1),
-    "length_scale": Span(0, 10, "rad"),
-    "n_solutions": Span(1, 10000),
-}
 
 
 @dataclass(frozen=True)
@@ -59,14 +49,14 @@ class PaperOptions:
             their identity.
     """
 
-    law: str = Law.PRECONDITIONED
-    gain: float = 0.0
+    law: str = word(Law.PRECONDITIONED, Law)
+    gain: float = key(0.0, 0, 1000, "1/s")
     feed_forward: bool = True
-    damping: float = 0.02
-    targets: str = Targets.MEDOIDS
-    length_scale: float = 0.0
-    n_solutions: int = 64
-    source: str = Source.CLOSED_FORM
+    damping: float = key(0.02, 0, 1)
+    targets: str = word(Targets.MEDOIDS, Targets)
+    length_scale: float = key(0.0, 0, 10, "rad")
+    n_solutions: int = key(64, 1, 10000)
+    source: str = word(Source.CLOSED_FORM, Source)
     resample: bool = False
 
     def __post_init__(self) -> None:
@@ -75,19 +65,19 @@ class PaperOptions:
         Raises:
             ScenarioError: An unknown word, or a number that is out of range.
         """
-        for name, words in (("law", Law), ("targets", Targets), ("source", Source)):
-            parse_choice(words, getattr(self, name), f"control.options.{name}", ScenarioError)
-        for name, (least, most, unit) in _SPANS.items():
-            value = getattr(self, name)
-            if not least <= value <= most:
-                raise ScenarioError(
-                    f"control.options.{name} is {value:g}; it must be from {least:g} to {most:g}"
-                    f" {unit}".rstrip()
-                )
+        for name, stated in metadata_of(type(self)).items():
+            value, what = getattr(self, name), f"control.options.{name}"
+            if "words" in stated:
+                parse_word(stated["words"], value, what, ScenarioError)
+            elif span := stated.get("span"):
+                least, most, unit = span
+                if not least <= value <= most:
+                    text = f"{what} is {value:g}; it must be from {least:g} to {most:g} {unit}"
+                    raise ScenarioError(text.rstrip())
         if self.resample and self.source == Source.CLOSED_FORM:
             raise ScenarioError(
                 "control.options.resample is true, but closed_form draws nothing; give "
-                f"control.options.source: {Source.FLOW} or {Source.DLS}"
+                f"control.options.source: {Source.FLOW}"
             )
 
     def gain_or(self, preconditioned: float, gradient: float) -> float:

@@ -1,13 +1,12 @@
 """Grasps of a moving object that stay reachable over the prediction horizon."""
 
-from dataclasses import dataclass
 from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.models.arguments import check_fields, checked
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.grasps.non_maximum_suppression import HYSTERESIS
@@ -40,29 +39,6 @@ class Judge(Protocol):
         """Verdicts on hand poses (n, 4, 4) in the base frame, places in `VERDICTS`, shape (n,)."""
 
 
-@dataclass(frozen=True)
-class KeepingRule:
-    """Which of the grasps in reach are kept.
-
-    Attributes:
-        n_best: How many are kept at most, the best scores first.
-        score_share: Grasps that score less than this share of the best one in reach are left out.
-        symmetric_grasps: Whether the flip of a grasp counts as another; without, only the grasps
-            given do.
-        way_in: Grasps that the hand cannot stand back from by this much, along their approach
-            direction, neither now nor within the horizon, are left out if there are others [m].
-    """
-
-    n_best: Count = 24
-    score_share: Share = 0.6
-    symmetric_grasps: bool = True
-    way_in: NotNegative = 0.0
-
-    def __post_init__(self) -> None:
-        """Checks the numbers."""
-        check_fields(self, ReachabilityError)
-
-
 @checked(ReachabilityError)
 def judge_grasps(
     grasps: GraspSet,
@@ -72,7 +48,10 @@ def judge_grasps(
     horizon: NotNegative = 1.0,
     motion: Motion | None = None,
     *,
-    rule: KeepingRule | None = None,
+    n_best: Count = 24,
+    score_share: Share = 0.6,
+    symmetric_grasps: bool = True,
+    way_in: NotNegative = 0.0,
     kept_before: Annotated[ArrayLike, ArrayOf(("k",), dtype=np.int64)] = (),
 ) -> JudgedGrasps:
     """Mask of grasps, flips included, that stay reachable for ``horizon`` seconds.
@@ -84,7 +63,12 @@ def judge_grasps(
         judge: Decides which hand poses can be reached.
         horizon: Look-ahead [s]; 0 for none. A grasp is judged after each quarter of it.
         motion: Predicts the object's poses; without it, the object moves on with its twist.
-        rule: Which of those in reach are kept.
+        n_best: How many are kept at most, the best scores first.
+        score_share: Grasps that score less than this share of the best one in reach are left out.
+        symmetric_grasps: Whether the flip of a grasp counts as another; without, only the grasps
+            given do.
+        way_in: Grasps that the hand cannot stand back from by this much, along their approach
+            direction, neither now nor within the horizon, are left out if there are others [m].
         kept_before: Ids of the grasps that were kept last; another takes the place of one of them
             only if it scores `HYSTERESIS` times as much.
 
@@ -92,8 +76,7 @@ def judge_grasps(
         The grasps that are kept, their ``rejected`` counting the verdicts on the others, and the
         verdicts. Once enough grasps are kept, worse ones are not judged: "better grasps in reach".
     """
-    rule = rule or KeepingRule()
-    both = grasps.with_symmetric() if rule.symmetric_grasps else grasps
+    both = grasps.with_symmetric() if symmetric_grasps else grasps
     known = np.isin(both.id, kept_before) & (both.id != UNKNOWN)
     order = np.argsort(-both.score * np.where(known, HYSTERESIS, 1.0), kind="stable")
     times = horizon * np.arange(1, _INSTANTS + 1) / _INSTANTS if horizon > 0.0 else np.zeros(0)
@@ -102,7 +85,7 @@ def judge_grasps(
     kept: list[int] = []
     # hand poses judged at first, best scores first; twice as many each time after
     start, size = 0, 32
-    while start < len(order) and len(kept) < rule.n_best:
+    while start < len(order) and len(kept) < n_best:
         chunk = order[start : start + size]
         start, size = start + size, 2 * size
         now = judge.verdicts(X_WO @ both.X_OG[chunk])
@@ -113,10 +96,10 @@ def judge_grasps(
             stays, Verdict.BETTER, Verdict.SOON
         )  # until it is known which are kept
         kept.extend(reached[stays].tolist())
-    kept = kept[: rule.n_best]
-    if kept and rule.way_in > 0.0:
+    kept = kept[:n_best]
+    if kept and way_in > 0.0:
         back = both.X_OG[kept].copy()
-        back[:, :3, 3] -= rule.way_in * back[:, :3, 2]
+        back[:, :3, 3] -= way_in * back[:, :3, 2]
         X_WG = np.concatenate([X_WO[None], X_later])[:, None] @ back
         reached = judge.verdicts(X_WG.reshape(-1, 4, 4)) == REACHABLE
         comes = reached.reshape(len(X_WG), -1).any(axis=0)
@@ -124,7 +107,7 @@ def judge_grasps(
             verdicts[np.array(kept)[~comes]] = Verdict.NO_WAY_IN
             kept = [i for i, open_ in zip(kept, comes, strict=True) if open_]
     if kept:
-        enough = rule.score_share * both.score[kept].max()
+        enough = score_share * both.score[kept].max()
         kept = [i for i in sorted(kept, key=lambda i: -both.score[i]) if both.score[i] >= enough]
     return judged(grasps, both, np.array(kept, dtype=int), verdicts)
 

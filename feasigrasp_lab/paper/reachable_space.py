@@ -125,17 +125,8 @@ class ReachableSpace(Frozen):
             raise ReachabilityError(f"{path} is no reachable space ({error}); {mend}") from error
 
     @classmethod
-    def load_default(cls) -> ReachableSpace:
-        """The packaged reachable space of the iiwa 7's flange.
-
-        Raises:
-            ReachabilityError: The file is missing or malformed.
-        """
-        return cls.load_named(SpaceName.DEFAULT)
-
-    @classmethod
     @checked(ReachabilityError)
-    def load_named(cls, name: str) -> ReachableSpace:
+    def load_named(cls, name: str = SpaceName.DEFAULT) -> ReachableSpace:
         """A packaged reachable space of the iiwa 7's flange, by its `SpaceName`.
 
         Raises:

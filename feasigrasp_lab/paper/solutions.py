@@ -25,7 +25,8 @@ from feasigrasp.models.ik.continuation import branch_kernel, flange_pose_kernel,
 from feasigrasp.models.ik.self_motion import arm_angle_kernel, inside_limits_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp_lab.paper.sources import FindConfigurations, closed_form_configurations
+from feasigrasp_lab.paper.options import PaperOptions, Source
+from feasigrasp_lab.paper.sources import closed_form_configurations, flow_configurations
 
 _CHAIN, _MARGIN = IIWA_7.chain, IIWA_7.position_margin
 
@@ -135,30 +136,19 @@ class SolutionSearch:
 
     Attributes:
         reachability: Limits, clearances and the hand.
+        options: Source, length scale, and how many are kept; the best one of every grasp comes
+            first.
         period: Time between updates [s].
-        find: Finds new ones.
-        n_solutions: How many are kept. The best one of every grasp comes first.
-        given_length_scale: That of the field [rad]; 0 follows the spacing of the solutions.
     """
 
     reachability: Reachability
+    options: PaperOptions
     period: float
-    find: FindConfigurations = closed_form_configurations
-    n_solutions: int = 64
-    given_length_scale: float = 0.0
 
     def update(
         self, previous: Solutions, time: float, X_OG: Array, X_WO: Array, q: Array
     ) -> Solutions:
-        """The solutions for the next period.
-
-        Args:
-            previous: Those until now.
-            time: Now [s].
-            X_OG: Grasps on offer, in the object frame, shape (m, 4, 4).
-            X_WO: Object pose, shape (4, 4).
-            q: Joint positions [rad], shape (7,).
-        """
+        """The solutions for the next period, of grasps (m, 4, 4) in the object frame."""
         cost, scale = previous.at(min(max(time - previous.time, 0.0), self.period))
         grasp = matches(previous.X_OG, X_OG)
         target = np.where(grasp < 0, np.inf, 0.0)
@@ -194,8 +184,8 @@ class SolutionSearch:
 
     def length_scale(self, q: Array) -> float:
         """The length scale of a field over configurations (n, 7) [rad]: given, or by spacing."""
-        if self.given_length_scale:
-            return self.given_length_scale
+        if self.options.length_scale:
+            return self.options.length_scale
         r = np.empty((len(q), len(q)))
         distances_kernel(q, r)
         return float(length_scale_kernel(r))
@@ -230,7 +220,9 @@ class SolutionSearch:
         """Solutions of some of the grasps that are apart from those there are."""
         X_WF = self.flange_poses(X_OG[looked_at], X_WO)
         known = [old.q[old.grasp == g] for g in looked_at]
-        found = self.find(X_WF, q, known, PER_GRASP, self.reachability.search)
+        closed_form = self.options.source == Source.CLOSED_FORM
+        find = closed_form_configurations if closed_form else flow_configurations
+        found = find(X_WF, q, known, PER_GRASP, self.reachability.search)
         grasp = np.repeat(looked_at, [len(one) for one in found])
         configurations = np.concatenate([*found, np.empty((0, IIWA_7.joints))])
         psi = np.array([arm_angle_kernel(_CHAIN, one) for one in configurations])
@@ -254,8 +246,9 @@ class SolutionSearch:
         counts = (way + items.cost < relevant) & (np.arange(len(way)) < len(old.q))
         counts, offered = counts[order], items.grasp[order] >= 0
         stays = counts | offered
-        stays[self.n_solutions :] = counts[self.n_solutions :]
-        n_kept = int(stays[: self.n_solutions].sum())
+        most = self.options.n_solutions
+        stays[most:] = counts[most:]
+        n_kept = int(stays[:most].sum())
         return _Items._make(each[order[stays]] for each in items), n_kept
 
 

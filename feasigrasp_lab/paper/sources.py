@@ -1,14 +1,11 @@
-"""Sources of IK solutions: the closed form, the IK flow as in the paper, or damped least squares.
+"""Sources of IK solutions: the closed form, or the IK flow as in the paper.
 
-The iteration is damped least squares from random configurations. The random numbers are the same at
-every call, as in the paper: what is drawn moves with the poses.
+The flow's random numbers are the same at every call, as in the paper: what is drawn moves with the
+poses.
 
 Solutions are inside the limits, clear of collisions, and apart from one another and from those that
 are known.
 """
-
-from collections.abc import Callable
-from functools import lru_cache
 
 import numpy as np
 
@@ -25,50 +22,28 @@ from feasigrasp.models.reach.kernels import Search
 from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.arm import refine
-from feasigrasp_lab.paper.ik_flow import IkFlow
-from feasigrasp_lab.paper.options import Source
+from feasigrasp_lab.paper.ik_flow import load_ik_flow
 
 #: Two solutions of one grasp are at least this distance apart [rad]. Source: guessed.
 APART = 1.0
 
-#: From flange poses (m, 4, 4) and the number of draws of each to configurations (m, draws, 7), NaN
-#: where one misses its pose.
-Draw = Callable[[Array, int], Array]
-#: A function with the arguments of `closed_form_configurations`, and its results.
-FindConfigurations = Callable[[Array, Array, list[Array], int, Search], list[Array]]
-
 
 def from_flow(X_WF: Array, draws: int) -> Array:
-    """Draws from the IK flow, refined by its three steps of the pseudo-inverse."""
-    poses = np.repeat(X_WF, draws, axis=0)
-    return _reached(
-        *refine(poses, IkFlow.load_default().solve(poses, seed=0), steps=0), draws=draws
-    )
+    """Draws from the IK flow, refined by its three steps of the pseudo-inverse.
 
+    Args:
+        X_WF: Flange poses, shape (m, 4, 4).
+        draws: How many of each.
 
-def by_least_squares(X_WF: Array, draws: int) -> Array:
-    """Damped least squares from random configurations, the same for every pose."""
-    # Steps of damped least squares, and their damping.
-    steps, damping = 20, 0.05
-    poses = np.repeat(X_WF, draws, axis=0)
-    starts = np.tile(_random_configurations(draws), (len(X_WF), 1))
-    return _reached(*refine(poses, starts, steps, damping, limit_margin=0.0), draws=draws)
-
-
-#: The sources that draw.
-DRAWS: dict[str, Draw] = {Source.FLOW: from_flow, Source.DLS: by_least_squares}
-
-
-def _reached(q: Array, position: Array, angle: Array, *, draws: int) -> Array:
+    Returns:
+        Configurations, shape (m, draws, 7) [rad], NaN where one misses its pose.
+    """
     # A configuration reaches its pose below these errors [m, rad].
     position_tolerance, angle_tolerance = 1e-3, 0.02
+    poses = np.repeat(X_WF, draws, axis=0)
+    q, position, angle = refine(poses, load_ik_flow().solve(poses), steps=0)
     q[~((position < position_tolerance) & (angle < angle_tolerance))] = np.nan
     return q.reshape(-1, draws, IIWA_7.joints)
-
-
-@lru_cache(maxsize=8)
-def _random_configurations(draws: int) -> Array:
-    return IIWA_7.random_positions(np.random.default_rng(0), draws)
 
 
 @compiled
@@ -147,14 +122,14 @@ def closed_form_configurations(
     return found
 
 
-def drawn_configurations(
-    draw: Draw, X_WF: Array, q_now: Array, known: list[Array], per_pose: int, search: Search
+def flow_configurations(
+    X_WF: Array, q_now: Array, known: list[Array], per_pose: int, search: Search
 ) -> list[Array]:
-    """As `closed_form_configurations`, of what is drawn."""
+    """As `closed_form_configurations`, of draws from the flow."""
     if len(X_WF) == 0:
         return []
     # Draws for each pose where new solutions are looked for.
-    pairs = zip(draw(X_WF, 8), known, strict=True)
+    pairs = zip(from_flow(X_WF, 8), known, strict=True)
     return [_selected(q, q_now, taken, per_pose, search) for q, taken in pairs]
 
 

@@ -1,7 +1,7 @@
 """The paper's task-space law (section IV-D.1): gradient ascent of a mixture's log density.
 
 As printed, ``qd = J^+ grad log p``, with the right Jacobian where it belongs
-(`RiemannianMixture.log_density_gradient`). Corrected, the hand follows the direction preconditioned
+(`ascent_kernel`). Corrected, the hand follows the direction preconditioned
 so that every component is approached along its geodesic, about grasps in place of means, while it
 is carried along with the object's twist: without that feed-forward it lags behind by speed over
 gain.
@@ -17,6 +17,7 @@ from feasigrasp.models.geometry.se3_kernels import (
     inverse_kernel,
     right_jacobian_inverse_kernel,
 )
+from feasigrasp.models.numerics.small_cholesky import cholesky_kernel, cholesky_solve_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 from feasigrasp_lab.mixtures.mixture import Parameters, evaluate_kernel, posterior_kernel
@@ -48,23 +49,15 @@ def _length(v: Array) -> float:
 
 
 @compiled
-def ascent_kernel(X: Array, parameters: Parameters, out: Array) -> None:
-    """Writes the preconditioned ascent direction (6,) at a pose, disturbed where pulls cancel."""
-    _ascent(X, parameters, False, out)
+def ascent_kernel(X: Array, parameters: Parameters, gradient: bool, out: Array) -> None:
+    """Writes the preconditioned ascent direction (6,) at a pose, disturbed where pulls cancel.
 
-
-@compiled
-def gradient_kernel(X: Array, parameters: Parameters, out: Array) -> None:
-    """Writes the gradient of the log density at one pose, as `RiemannianMixture` has it.
-
-    Where the pulls cancel, so does the gradient; there the disturbance of `ascent_kernel` is
-    added, in units of the gradient: times the mean of the inverse covariances.
+    Or, with ``gradient``, that of the log density for a body perturbation ``x exp(eps)``:
+    ``sum_i r_i J_r^-T(xi_i) (-Sigma_i^-1 xi_i)`` with ``xi_i = Log_mu_i(x)``. The paper prints
+    ``J_r^-1(mu^-1)`` instead (section IV-D.1), which disagrees with finite differences. Where the
+    pulls cancel, so does the gradient; there the disturbance is added, in units of the gradient:
+    times the mean of the inverse covariances.
     """
-    _ascent(X, parameters, True, out)
-
-
-@compiled
-def _ascent(X: Array, parameters: Parameters, gradient: bool, out: Array) -> None:
     # Pulls cancel where their sum is shorter than this share of their lengths ...
     cancel = 0.2
     n = len(parameters.means)
@@ -179,26 +172,16 @@ def least_norm_kernel(J: Array, V: Array, damping: float) -> Array:
     """
     # Least damping: no singular value is taken for smaller.
     square = max(damping, 1e-6) ** 2
-    L, y, qd = np.empty((6, 6)), np.empty(6), np.zeros(J.shape[1])
+    A, y, qd = np.empty((6, 6)), V.copy(), np.zeros(J.shape[1])
     for i in range(6):
         for j in range(i + 1):
             s = square if i == j else 0.0
             for k in range(J.shape[1]):
                 s += J[i, k] * J[j, k]
-            for k in range(j):
-                s -= L[i, k] * L[j, k]
-            # Least pivot of the factorisation, in case rounding eats up even that.
-            L[i, j] = np.sqrt(max(s, 1e-14)) if i == j else s / L[j, j]
-    for i in range(6):
-        s = V[i]
-        for k in range(i):
-            s -= L[i, k] * y[k]
-        y[i] = s / L[i, i]
-    for i in range(5, -1, -1):
-        s = y[i]
-        for k in range(i + 1, 6):
-            s -= L[k, i] * y[k]
-        y[i] = s / L[i, i]
+            A[i, j] = s
+    # Least pivot of the factorisation, in case rounding eats up even that.
+    cholesky_kernel(A, A, 1e-14)
+    cholesky_solve_kernel(A, y)
     for i in range(6):
         for k in range(J.shape[1]):
             qd[k] += J[i, k] * y[i]
@@ -210,10 +193,7 @@ def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gain, gradient, damping):
     X_WH, J_WH, u_H = np.empty((4, 4)), np.empty((6, len(q))), np.empty(6)
     pose_jacobian_kernel(_CHAIN, q, X_FG, X_WH, J_WH)
     X_OH = compose_kernel(inverse_kernel(X_WO), X_WH)
-    if gradient:
-        gradient_kernel(X_OH, parameters, u_H)
-    else:
-        ascent_kernel(X_OH, parameters, u_H)
+    ascent_kernel(X_OH, parameters, gradient, u_H)
     V_WH = hand_twist_kernel(gain * u_H, X_WH, X_WO, V_WO, np.inf, np.inf)
     qd = least_norm_kernel(J_WH, V_WH, damping)
     return qd if np.isfinite(np.sum(qd)) else np.zeros(len(q))

@@ -1,6 +1,8 @@
 """Paired runs: without one part of the system, or with another controller."""
 
 from collections.abc import Hashable, Sequence
+from itertools import product
+from operator import itemgetter
 
 from feasigrasp.models.choices import ControlSpace
 from feasigrasp.models.grasps.samplers import SamplerName
@@ -8,7 +10,7 @@ from feasigrasp.models.objects.prediction import PredictionModel
 from feasigrasp_lab.protocols.changes import setting, unchanged
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.results.rows import Row
-from feasigrasp_lab.results.statistics import mean_of_objects
+from feasigrasp_lab.results.statistics import grouped, mean_of_objects
 
 #: The controller that others are compared with.
 REFERENCE = ControlSpace.TASK.value
@@ -50,14 +52,13 @@ def ablation_rows(records: Sequence[Record]) -> list[Row]:
             counterpart.
     """
     full = {_whole(run): run for run in records if ablation_of(run["scenario"]) == FULL}
-    pairs: dict[str, list[tuple[Record, Record]]] = {}
+    pairs = []
     for run in records:
         suffix = ablation_of(run["scenario"])
         if suffix and suffix != FULL and _whole(run) in full:
             for controller in (run["controller"], "all"):
-                preset = f"all{suffix}/{controller}/{run['mode']}"
-                pairs.setdefault(preset, []).append((full[_whole(run)], run))
-    return [row for preset, found in pairs.items() for row in _changes(preset, found)]
+                pairs.append((f"all{suffix}/{controller}/{run['mode']}", full[_whole(run)], run))
+    return _changes(pairs)
 
 
 def controller_rows(records: Sequence[Record]) -> list[Row]:
@@ -69,27 +70,28 @@ def controller_rows(records: Sequence[Record]) -> list[Row]:
     Args:
         records: Records of runs; those without a counterpart are left out.
     """
-    reference = {_key(run, run["scenario"]): run for run in records if _is_reference(run)}
-    pairs: dict[str, list[tuple[Record, Record]]] = {}
+    of_reference = [run for run in records if run["controller"] == REFERENCE]
+    reference = {_key(run, run["scenario"]): run for run in of_reference}
+    pairs = []
     for run in records:
         counterpart = reference.get(_key(run | {"controller": REFERENCE}, run["scenario"]))
-        if counterpart is not None and not _is_reference(run):
-            preset = f"{run['scenario']}/{run['controller']}/{run['mode']}"
-            pairs.setdefault(preset, []).append((counterpart, run))
-    return [row for preset, found in pairs.items() for row in _changes(preset, found)]
+        if counterpart is not None and run["controller"] != REFERENCE:
+            pairs.append(("{scenario}/{controller}/{mode}".format_map(run), counterpart, run))
+    return _changes(pairs)
 
 
-def _is_reference(run: Record) -> bool:
-    return bool(run["controller"] == REFERENCE)
-
-
-def _changes(preset: str, pairs: Sequence[tuple[Record, Record]]) -> list[Row]:
-    rows = []
-    for name, metric, unit, factor in (
-        ("held_change_percent", "grasp_held", "%", 100.0),
-        ("held_after_change_s", "held_after_s", "s", 1.0),
-    ):
-        metrics = [(a["metrics"][metric], b["metrics"][metric], b["object"]) for a, b in pairs]
+def _changes(pairs: Sequence[tuple[str, Record, Record]]) -> list[Row]:
+    """The rows of pairs of runs, each with its preset."""
+    rows, figures = (
+        [],
+        (
+            ("held_change_percent", "grasp_held", "%", 100.0),
+            ("held_after_change_s", "held_after_s", "s", 1.0),
+        ),
+    )
+    groups = grouped(pairs, itemgetter(0))
+    for (preset, group), (name, metric, unit, factor) in product(groups.items(), figures):
+        metrics = [(a["metrics"][metric], b["metrics"][metric], b["object"]) for _, a, b in group]
         both = [(float(b) - float(a), what) for a, b, what in metrics if None not in (a, b)]
         if both:
             changes, objects = zip(*both, strict=True)

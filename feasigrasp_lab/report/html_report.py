@@ -42,9 +42,9 @@ def write_page(folder: Path, sections: Mapping[Path, str], replays: int = 0) -> 
     Returns:
         The file.
     """
-    records = _records(folder)
+    records, before = _records(folder), "data:image/png;base64,"
     images = {
-        file.relative_to(folder).as_posix(): _data(file.read_bytes())
+        file.relative_to(folder).as_posix(): before + base64.b64encode(file.read_bytes()).decode()
         for file in sorted(folder.rglob("*.png"))
     }
     parts = []
@@ -152,10 +152,6 @@ def _failures_part(folder: Path, records: Mapping[Path, Record], replays: int) -
     heads = ("run", "controller", "object", "seed", "why", "pushed [mm]", "error", "replay")
     head = "".join(f"<th>{each}</th>" for each in heads)
     return f"<h3>The worst failures</h3>\n<table><tr>{head}</tr>{''.join(lines)}</table>"
-
-
-def _data(picture: bytes) -> str:
-    return f"data:image/png;base64,{base64.b64encode(picture).decode()}"
 
 
 def markdown_html(text: str, images: Mapping[str, str]) -> str:

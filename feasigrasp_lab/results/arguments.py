@@ -103,7 +103,7 @@ def command_line(args: argparse.Namespace, command: str) -> str:
         if value is True:
             words.append(option)
         elif value is not None and value is not False:
-            words += [option, ",".join(value) if isinstance(value, list) else str(value)]
+            words += [option, ",".join(map(str, value)) if isinstance(value, list) else str(value)]
     return shlex.join(words)
 
 

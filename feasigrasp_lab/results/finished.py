@@ -37,26 +37,6 @@ def read_finished(filename: Path, wanted: Mapping[str, Any]) -> dict[str, Any] |
     return content if same else None
 
 
-def finish(
-    filename: Path, settings: Mapping[str, Any], make: Callable[[], Sequence[Record]]
-) -> list[Record]:
-    """The records of a piece of work, from its file if the same code and settings made that.
-
-    Args:
-        filename: JSON file of the work; a number that is not finite is null in it.
-        settings: What the records depend on, e.g. the seed.
-        make: Makes them.
-    """
-    key = {**made_with(), **settings}
-    content = read_finished(filename, {"key": key})
-    if content is None:
-        records = [{name: _plain(value) for name, value in r.items()} for r in make()]
-        content = {"key": key, "records": records}
-        write_json(content, filename)
-    found: list[Record] = content["records"]
-    return found
-
-
 def finish_all(
     items: Mapping[str, Any],
     folder: Path,
@@ -65,34 +45,32 @@ def finish_all(
     *,
     jobs: int,
     desc: str,
-) -> dict[str, list[Record]]:
-    """The records of many items; in processes, with a progress bar, and one file for each.
+) -> list[Record]:
+    """The records of items, in their order; made in processes, with a bar, a file for each item.
 
     Args:
         items: What is measured, by name.
         folder: Where the files are.
         settings: Further arguments of ``measure``.
-        measure: Makes the records of one item, ``measure(name, item, **settings)``.
+        measure: Makes the records of one item, ``measure(name, item, **settings)``; a number that
+            is not finite is null in the file.
         jobs: Processes at a time.
         desc: What the bar is called.
     """
-    keys = {name: {**settings, "item": item} for name, item in items.items()}
+    keys = {name: {**made_with(), **settings, "item": item} for name, item in items.items()}
     files = {name: folder / f"{name}.json" for name in items}
-    missing = [n for n in items if read_finished(files[n], {"key": made_with() | keys[n]}) is None]
+    missing = [name for name in items if read_finished(files[name], {"key": keys[name]}) is None]
     report_reuse(len(items) - len(missing), len(items), folder)
     tasks = [(files[n], keys[n], partial(measure, n, items[n], **settings)) for n in missing]
     with tqdm(total=len(items), initial=len(items) - len(missing), desc=desc) as bar:
-        for _ in in_processes(finish, tasks, jobs):
+        for _ in in_processes(_finish, tasks, jobs):
             bar.update()
-    return {name: read_json(files[name])["records"] for name in items}
+    return [record for name in items for record in read_json(files[name])["records"]]
 
 
-def finished_arrays(filename: Path) -> dict[str, Any] | None:
-    """What `write_arrays` wrote; None if there is no such file, or no whole one."""
-    try:
-        return read_arrays(filename)
-    except InputError:
-        return None
+def _finish(filename: Path, key: Mapping[str, Any], make: Callable[[], Sequence[Record]]) -> None:
+    records = [{name: _plain(value) for name, value in r.items()} for r in make()]
+    write_json({"key": key, "records": records}, filename)
 
 
 def write_arrays(filename: Path, arrays: Mapping[str, Any], *, compressed: bool = True) -> None:
@@ -115,6 +93,12 @@ def read_shard(filename: Path, names: Iterable[str]) -> dict[str, Any]:
             f"{filename} is no shard of this version ({error}); delete it, and the same command "
             "makes it again"
         ) from error
+
+
+def read_shards(files: Iterable[Path], names: Sequence[str]) -> dict[str, Any]:
+    """The arrays of several files one after the other, see `read_shard`."""
+    shards = [read_shard(file, names) for file in files]
+    return {name: np.concatenate([shard[name] for shard in shards]) for name in names}
 
 
 def make_shards(

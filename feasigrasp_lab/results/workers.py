@@ -1,4 +1,4 @@
-"""Parallel work: threads, processes, or shares of a job array."""
+"""Parallel work: processes, or shares of a job array."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ import os
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any, TypeVar
 
 import joblib
@@ -58,32 +57,6 @@ def add_worker_arguments(parser: argparse.ArgumentParser) -> None:
         help="Do every N-th run only, from the I-th on, for job arrays. The results are in OUT/"
         "shard-I-of-N; the same command without --shard merges all of them.",
     )
-
-
-def shard_folders(out: Path) -> list[Path]:
-    """The folders of all shards in a folder of results."""
-    return sorted(out.glob("shard-*-of-*"))
-
-
-def in_threads(
-    work: Callable[..., Result], tasks: Mapping[str, tuple[Any, ...]], jobs: int
-) -> Iterator[tuple[str, Result]]:
-    """Does the tasks in threads, which is enough for work that waits for processes.
-
-    Args:
-        work: Does one; its arguments are those of the task.
-        tasks: Arguments by name.
-        jobs: Threads.
-
-    Yields:
-        Name and result of each, as they come.
-    """
-
-    def one(name: str) -> tuple[str, Result]:
-        return name, work(*tasks[name])
-
-    parallel = joblib.Parallel(jobs, prefer="threads", return_as="generator_unordered")
-    yield from parallel(joblib.delayed(one)(name) for name in tasks)
 
 
 def in_processes(

@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
-from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.protocols.fault_table import FAULTS, LOST, StudiedFault
 from feasigrasp_lab.results.arguments import select_objects
 from feasigrasp_lab.results.finished import Record
-from feasigrasp_lab.runs.plan import PlannedRun, chosen_text
+from feasigrasp_lab.runs.plan import PlannedRun, plan_run
 from feasigrasp_lab.runs.studies import STUDIES
 from feasigrasp_lab.runs.summary import LIMITS
 
@@ -60,25 +58,12 @@ def nominal_runs(args: argparse.Namespace) -> list[FaultRun]:
     controllers, instants = args.controllers, range(1 + args.instants)
     if args.quick:
         objects, controllers, instants = objects[:1], controllers[:1], instants[1:2]
-    filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
-    # The mode's values depend on the controller: both are settled when the file is read.
-    motions = STUDIES["reach" if args.camera else "mocap"].scenarios
-    cells = {
-        (motion, controller): load_scenario(
-            filename, motion, args.scenario_text, chosen_text(args, controller=controller)
-        )
-        for motion, controller in itertools.product(motions, controllers)
-    }
-    runs = []
-    for (j, (name, model)), controller, k in itertools.product(
-        enumerate(objects), controllers, instants
-    ):
+    study, runs = STUDIES["reach" if args.camera else "mocap"], []
+    motions = study.scenarios
+    for (j, chosen), controller, k in itertools.product(enumerate(objects), controllers, instants):
         motion = motions[(j + k) % len(motions)]
-        scenario = copy.deepcopy(cells[motion, controller])
-        scenario.random_seed = scenario.tracker.seed = args.seed + k
-        scenario.object.model = model
-        check_scenario(scenario)
-        runs.append(FaultRun(motion, name, scenario, instant=k))
+        made = plan_run(args, motion, study, chosen, "", controller, None, args.seed + k)
+        runs.append(FaultRun(made.name, made.object_name, made.scenario, instant=k))
     for each in {run.object_name: run for run in runs}.values():
         load_scenario_object(each.scenario)  # a wrong mesh is reported here, not run by run
     return runs

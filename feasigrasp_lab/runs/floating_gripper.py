@@ -5,7 +5,6 @@ approach and the object's own motion are not in it. The contact model is that of
 """
 
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -246,22 +245,3 @@ class FloatingGripper:
         if moved > 0.03 or opening < empty:
             return Trial(False, "pushed away" if closing else "dropped")
         return Trial(True, "held")
-
-
-def hold_trials(
-    obj: RigidObject,
-    X_OG: ArrayLike,
-    gripper: ParallelGripper | None = None,
-    *,
-    friction: float = 0.6,
-) -> Sequence[Trial]:
-    """Tries grasps of one object.
-
-    Args:
-        obj: The object.
-        X_OG: Grasp frames in its frame O, shape (n, 4, 4).
-        gripper: The hand.
-        friction: Coulomb friction between pads and object.
-    """
-    hand = FloatingGripper(obj, gripper or ParallelGripper(), friction)
-    return [hand.try_grasp(X) for X in np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)]

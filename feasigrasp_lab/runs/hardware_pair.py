@@ -54,9 +54,6 @@ class ProcessFault(StrEnum):
         return signal.SIGKILL if self.startswith("kill") else signal.SIGSTOP
 
 
-_AT_GUARD = [fault for fault in ProcessFault if fault.at_guard]
-
-
 def run_pair(
     name: str, scenario_yaml: str, *, rate: float, fault: str = "", at: float = 0.0
 ) -> dict[str, Any]:
@@ -77,7 +74,7 @@ def run_pair(
         HardwareError: The simulated cell came to no end; the message has its last words.
     """
     number = zlib.crc32(name.encode())
-    apart, at_guard = fault in list(Network), fault in list(_AT_GUARD)
+    apart, at_guard = fault in list(Network), fault in [f for f in ProcessFault if f.at_guard]
     cell, control = _url(name, 0), _url(name, int(apart))
     with tempfile.TemporaryDirectory(prefix="feasigrasp-") as folder:
         file, results = Path(folder, "pair.yaml"), Path(folder, "sim.json")
@@ -105,7 +102,9 @@ def run_pair(
                     sim, guard if guard and at_guard else controller, cell, relay, fault, at, number
                 )
                 if fault not in list(ProcessFault) or ProcessFault(fault).at_worker:
-                    _wait_for(controller)
+                    # It ends by itself, as its messages stop, within this time [s].
+                    with suppress(subprocess.TimeoutExpired):
+                        controller.wait(60.0)
             if not results.exists():
                 words.seek(0)
                 raise HardwareError(
@@ -201,13 +200,6 @@ class _Times:
 
     def request(self, data: bytes) -> None:
         self.first = min(self.first, self.now)
-
-
-def _wait_for(controller: subprocess.Popen[bytes]) -> None:
-    """Waits for a controller to end by itself, as its messages stop."""
-    with suppress(subprocess.TimeoutExpired):
-        # How long the controller may take from the end of the simulation to its own [s].
-        controller.wait(60.0)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

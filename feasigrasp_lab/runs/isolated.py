@@ -20,6 +20,7 @@ from functools import cache
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+import joblib
 from tqdm import tqdm
 
 from feasigrasp.errors import OutputError
@@ -30,7 +31,7 @@ from feasigrasp.runs.run import crash_record, run
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.results.finished import Record, read_finished, report_reuse
-from feasigrasp_lab.results.workers import in_threads, made_with
+from feasigrasp_lab.results.workers import made_with
 from feasigrasp_lab.runs.plan import PlannedRun
 
 
@@ -86,14 +87,17 @@ def run_all(
         print(f"{outdated} results are from another revision or setting, or crashed: run again")
     report_reuse(len(runs) - len(missing), len(runs), folder)
 
-    def here(planned: PlannedRun) -> Record:
+    def here(planned: PlannedRun) -> tuple[str, Record]:
         replay = folder / f"{planned.id}.html" if replays else None
         file = folder / f"{planned.id}.json"
-        return run_isolated(planned.scenario, planned.name, file, replay=replay)
+        return planned.id, run_isolated(planned.scenario, planned.name, file, replay=replay)
+
+    # Threads are enough: they wait for processes.
+    parallel = joblib.Parallel(jobs, prefer="threads", return_as="generator_unordered")
 
     with tqdm(total=len(runs), initial=len(runs) - len(missing), unit="run", desc=desc) as bar:
         try:
-            for id_, record in in_threads(here, {each.id: (each,) for each in missing}, jobs):
+            for id_, record in parallel(joblib.delayed(here)(planned) for planned in missing):
                 records[id_] = record
                 bar.set_postfix_str(_held_so_far(records.values()), refresh=False)
                 bar.update()
@@ -181,15 +185,11 @@ def run_isolated(
             last = messages.read_text(errors="replace") if messages.exists() else ""
             error = f"the process ended with status {process.exitcode}: {last[-2000:].strip()}"
             record = crash_record(scenario, name, error)
-    _write(record, filename)
-    return record
-
-
-def _write(record: Record, filename: Path) -> None:
     try:
         write_json(record, filename)
-    except OutputError as error:
-        raise Unfinished(str(error), [record], 2) from error
+    except OutputError as unwritten:
+        raise Unfinished(str(unwritten), [record], 2) from unwritten
+    return record
 
 
 def _held_so_far(records: Iterable[Record | None]) -> str:

@@ -131,11 +131,6 @@ def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--arm", help="Arm, or the file of one. Default: the scenario's.")
 
 
-def chosen_text(args: argparse.Namespace, **control: str) -> str:
-    """What the arguments choose in every scenario, as YAML: the arm, and entries of control."""
-    return json.dumps({"control": control} | ({} if args.arm is None else {"arm": args.arm}))
-
-
 def plan(args: argparse.Namespace) -> Plan:
     """The runs that the arguments ask for; with ``--quick``, one object and one seed of them.
 
@@ -155,7 +150,7 @@ def plan(args: argparse.Namespace) -> Plan:
         modes: Sequence[str] = args.mode or study.modes
         for what, repeats in _repeats(args, study, objects).items():
             made = [
-                _quick(args, plan_run(args, name, study, (what, objects[what]), *how))
+                plan_run(args, name, study, (what, objects[what]), *how)
                 for how in itertools.product(study.variants, args.controllers, modes, repeats)
             ]
             try:
@@ -168,6 +163,9 @@ def plan(args: argparse.Namespace) -> Plan:
                 continue
             runs += {each.id: each for each in made}.values()  # one's own is not any --controllers
             if args.quick:
+                for each in (each.scenario for each in made if not each.scenario.grasp.close):
+                    # A run that does not end by itself is broken off [s].
+                    each.simulation_duration = min(each.simulation_duration, 6.0)
                 break
     if not runs:
         raise MeshError(f"{args.objects}: none of its meshes can be used: {left_out}")
@@ -234,15 +232,6 @@ def _repeats(
     }
 
 
-def _quick(args: argparse.Namespace, planned: PlannedRun) -> PlannedRun:
-    """The run, broken off early with ``--quick`` if it does not end by itself."""
-    scenario = planned.scenario
-    if args.quick and not scenario.grasp.close:
-        # With ``--quick``, a run that does not end by itself is broken off [s].
-        scenario.simulation_duration = min(scenario.simulation_duration, 6.0)
-    return planned
-
-
 def plan_run(
     args: argparse.Namespace,
     name: str,
@@ -250,7 +239,7 @@ def plan_run(
     chosen: tuple[str, str],
     variant: str,
     controller: str,
-    mode: str,
+    mode: str | None,
     seed: int,
 ) -> PlannedRun:
     """One run, as the arguments of `add_scenario_arguments` and the study change it.
@@ -262,7 +251,7 @@ def plan_run(
         chosen: Name of the object, and what it is loaded from.
         variant: Which of the study's.
         controller: The controller.
-        mode: Its mode.
+        mode: Its mode; None for the scenario's.
         seed: Of everything.
 
     Raises:
@@ -273,8 +262,9 @@ def plan_run(
             f"scenario {name} ends in {suffix}, as the runs of a study do; give it another name"
         )
     filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
-    choice = chosen_text(args, controller=controller, mode=mode)
-    scenario = deepcopy(_read_once(filename, name, args.scenario_text, choice))
+    control = {"controller": controller} | ({} if mode is None else {"mode": mode})
+    choice = {"control": control} | ({} if args.arm is None else {"arm": args.arm})
+    scenario = deepcopy(_read_once(filename, name, args.scenario_text, json.dumps(choice)))
     scenario.random_seed = scenario.tracker.seed = seed
     scenario.object.model = chosen[1]
     study.variants[variant](scenario)

@@ -3,17 +3,18 @@
 import argparse
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from feasigrasp.models.objects.tracker_config import TrackerConfig, TrackerKind
 from feasigrasp.runs.results.interrupts import Unfinished
+from feasigrasp.runs.results.provenance import git_revision
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.sampling import largest_speed
 from feasigrasp.scenario.schema import Scenario, Segmentation
 from feasigrasp_lab.protocols.ablations import without_ablation
 from feasigrasp_lab.protocols.tuned import is_tuned
 from feasigrasp_lab.results.finished import Record
-from feasigrasp_lab.results.workers import shard_folders
+from feasigrasp_lab.results.rows import Row, report_rows, write_csv
 from feasigrasp_lab.runs.isolated import report_crashes, run_all
 from feasigrasp_lab.runs.plan import Plan, PlannedRun
 
@@ -109,7 +110,10 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
     tuned = {is_tuned(p.name, p.object_name, p.scenario.random_seed) for p in runs}
     return {
         "split": split,
-        "speeds": {name: _speeds(scenario) for name, scenario in by_name.items()},
+        "speeds": {
+            name: {"path_m_s": round(largest_speed(s), 4), "spin_rad_s": abs(s.motion.spin)}
+            for name, s in by_name.items()
+        },
         "arm": _common(runs, lambda s: s.arm),
         "camera": _common(runs, _camera),
         "perception_latency_s": _common(runs, lambda s: s.perception.latency),
@@ -142,14 +146,6 @@ def _common(runs: Sequence[PlannedRun], read: Callable[[Scenario], Any]) -> Any:
     """What all runs have, or the list of what some have."""
     values = list(dict.fromkeys(read(planned.scenario) for planned in runs))
     return values[0] if len(values) == 1 else values
-
-
-def _speeds(scenario: Scenario) -> dict[str, float]:
-    """Largest speed on the path, and speed of the rotation."""
-    return {
-        "path_m_s": round(largest_speed(scenario), 4),
-        "spin_rad_s": abs(scenario.motion.spin),
-    }
 
 
 def _camera(scenario: Scenario) -> str:
@@ -190,28 +186,23 @@ def _tracking(tracker: TrackerConfig) -> str:
     return f"measured pose, {rate}, {', '.join(text.format(x) for text, x in errors.items())}"
 
 
-class Report(Protocol):
-    """Prints and writes the figures of some runs."""
-
-    def __call__(
-        self,
-        args: argparse.Namespace,
-        records: Sequence[Record],
-        found: dict[str, Any],
-        **more: bool,
-    ) -> None:
-        """Reports records under conditions; ``partial`` if those are not all."""
-
-
-def run_plan(args: argparse.Namespace, whole: Plan, split: str, report: Report, desc: str) -> int:
-    """Runs a plan, or the shard of it that is asked for, and reports it.
+def run_plan(
+    args: argparse.Namespace,
+    whole: Plan,
+    split: str,
+    command: str,
+    summarize: Callable[[Sequence[Record]], list[Row]],
+    table: Callable[[Sequence[Row]], str],
+) -> int:
+    """Runs a plan, or the shard of it that is asked for; prints and writes rows and ``runs.csv``.
 
     Args:
         args: Arguments of the command, those of `add_worker_arguments` among them.
         whole: All runs.
         split: ``development`` or ``test``, for `conditions`.
-        report: Reports records.
-        desc: What the progress bar is called.
+        command: Its name behind ``evaluate``.
+        summarize: Makes the rows of records.
+        table: What is printed of rows.
 
     Returns:
         The exit status of the command: 1 if a run crashed.
@@ -221,17 +212,35 @@ def run_plan(args: argparse.Namespace, whole: Plan, split: str, report: Report, 
     """
     planned = whole.share(args.shard)
     found = conditions(planned, split)
+
+    def report(records: Sequence[Record], **more: bool) -> None:
+        rows = summarize(records)
+        text = f"{table(rows)}\n{conditions_text(found)}"
+        report_rows(args, f"evaluate {command}", rows, text, conditions=found, **more)
+        write_csv(args.out / "runs.csv", map(flat, records))
+
     try:
         records = run_all(
             planned.runs,
             args.out / "runs",
             args.jobs,
-            desc=desc,
-            elsewhere=[folder / "runs" for folder in shard_folders(args.out)],
+            desc=command,
+            elsewhere=sorted(args.out.glob("shard-*-of-*/runs")),
         )
     except Unfinished as stopped:
         if stopped.records:
-            report(args, stopped.records, found, partial=True)
+            report(stopped.records, partial=True)
         raise
-    report(args, records, found, **({} if args.shard is None else {"partial": True}))
+    report(records, **({} if args.shard is None else {"partial": True}))
+    revision = str(git_revision())
+    others = sorted({str(record["git"]) for record in records} - {revision})
+    if others:
+        print(f"the code changed meanwhile: some runs are of {', '.join(others)}, not {revision}")
     return report_crashes(records)
+
+
+def flat(record: Record) -> Record:
+    """A run with all its metrics as one row of a table."""
+    heads = ("scenario", "controller", "mode", "object", "seed", "git")
+    about = {head: record[head] for head in heads}
+    return about | record["metrics"] | record["timings"] | {"error": record["error"]}

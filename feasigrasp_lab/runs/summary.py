@@ -12,11 +12,10 @@ from feasigrasp.runs.metrics.table import FIGURES, METRICS, Over
 from feasigrasp_lab.protocols.ablations import ablation_rows, controller_rows
 from feasigrasp_lab.protocols.changes import curve_point
 from feasigrasp_lab.protocols.tuned import rows_apart
+from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.results.statistics import grouped, mean_of_objects
 from feasigrasp_lab.runs.studies import suffix_of
-
-Record = dict[str, Any]
 
 #: Rows that every table of runs shows: what the arm did to the object, and its true acceleration.
 HANDLING = (

@@ -108,8 +108,7 @@ def _probe_rows(
             scenario = copy.deepcopy(run.scenario)
             scenario.simulation_duration = run.start + scenario.tracker.silence + _LOOKED_AT
             items[f"rest-{run.id}"] = {"text": dump_scenario(scenario), "lost_at": run.start}
-    found = finish_all(items, args.out / "probes", {}, probe, jobs=args.jobs, desc="probes")
-    results = [result for (result,) in found.values()]
+    results = finish_all(items, args.out / "probes", {}, probe, jobs=args.jobs, desc="probes")
     leaking = [result["leaks"] for result in results if "leaks" in result]
     rows = [Row.plain("faults.truth_leaks", "all", sum(leaking), "1", len(leaking))]
     rests = [result for result in results if "rest_s" in result]

@@ -86,8 +86,7 @@ def main(args: argparse.Namespace) -> int:
     items = planned_pairs(runs, args.process_faults, args.networks, args.seed)
     rate = {"rate": args.rate}
     folder = args.out / "pairs"
-    found = finish_all(items, folder, rate, outcome, jobs=pairs, desc="two processes")
-    outcomes = [outcome for (outcome,) in found.values()]
+    outcomes = finish_all(items, folder, rate, outcome, jobs=pairs, desc="two processes")
     write_csv(args.out / "pairs.csv", outcomes)
     rows = [*rows_apart(inline, inline_rows), *rows_apart(outcomes, outcome_rows)]
     report_rows(args, "evaluate hardware-loop", rows, format_rows(rows))

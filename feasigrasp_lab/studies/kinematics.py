@@ -14,7 +14,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.ik.self_motion import arm_angle, closed_form
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp_lab.arm import in_collision, min_distance
+from feasigrasp_lab.arm import in_collision
 from feasigrasp_lab.peers import DrakeArm
 from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.rows import Row, report_rows, write_csv
@@ -88,7 +88,8 @@ def collision_rows(n: int, seed: int) -> list[Row]:
         ours = in_collision(Q)
         differ = Q[ours != drake.has_collisions(Q)]
         # Configurations closer to contact are not judged: the two programs round differently [m].
-        touching = sum(abs(min_distance(q)) < 1e-9 for q in differ)
+        near, deep = (in_collision(differ, margin=margin) for margin in (1e-9, -1e-9))
+        touching = int((near & ~deep).sum())
         rows += [
             Row.plain("kinematics.collision_mismatches", preset, len(differ) - touching, "1", n),
             Row.plain("kinematics.collision_at_contact", preset, touching, "1", n),

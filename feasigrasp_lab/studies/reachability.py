@@ -37,7 +37,7 @@ def main(args: argparse.Namespace) -> int:
     X = random_poses(np.random.default_rng(args.seed), args.poses)
     reachable = exact(X)
     spaces = {
-        "rmm": ReachableSpace.load(args.file) if args.file else ReachableSpace.load_default(),
+        "rmm": ReachableSpace.load(args.file) if args.file else ReachableSpace.load_named(),
         "rmm-paper": ReachableSpace.load_named(SpaceName.PAPER),
     }
     scores = {name: space.log_density(X) for name, space in spaces.items()}

@@ -31,7 +31,7 @@ from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.results.rows import Row, report_rows, write_csv
 from feasigrasp_lab.results.statistics import grouped, resampled
-from feasigrasp_lab.runs.floating_gripper import hold_trials
+from feasigrasp_lab.runs.floating_gripper import FloatingGripper
 from feasigrasp_lab.training.data.grasp_examples import fuse_and_complete, true_input
 from feasigrasp_lab.training.data.grasp_labels import is_graspable
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
@@ -144,11 +144,12 @@ def set_measures(grasps: GraspSet, truth: TrueGrasps) -> Record:
 
 def _hold(obj: RigidObject, field: Gpdf) -> list[Record]:
     """Simulates the best grasp of every preset."""
-    records: list[Record] = []
+    hand, records = FloatingGripper(obj, GRIPPER, FRICTION), list[Record]()
     for preset, sampler in make_samplers().items():
-        for verdict in hold_trials(obj, sampler(field).X_OG[:1], GRIPPER, friction=FRICTION):
+        for X_OG in sampler(field).X_OG[:1]:
+            trial = hand.try_grasp(X_OG)
             about: Record = {"kind": "hold", "preset": preset}
-            records.append(about | {"held": int(verdict.held), "why": verdict.why})
+            records.append(about | {"held": int(trial.held), "why": trial.why})
     return records
 
 
@@ -160,10 +161,9 @@ def main(args: argparse.Namespace) -> int:
         objects = dict(list(objects.items())[:: -(-len(objects) // QUICK_OBJECTS)])
         views = 1
     settings = {"views": views, "held_views": HELD_VIEWS, "seed": args.seed}
-    finished = finish_all(
+    records = finish_all(
         objects, args.out / "objects", settings, evaluate_object, jobs=args.jobs, desc="sampler"
     )
-    records = [record for name in objects for record in finished[name]]
     for kind, columns in _COLUMNS.items():
         write_csv(args.out / f"{kind}s.csv", _of(records, kind), columns, ".6g")
     report_rows(args, "evaluate sampler", summary_rows(records))

@@ -20,7 +20,7 @@ from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import make_foreground_segmentation, make_station
 from feasigrasp.systems.ports import to_value
-from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
+from feasigrasp_lab.results.arguments import add_common_arguments, select_objects
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.results.rows import Row, report_rows, write_csv
 from feasigrasp_lab.results.statistics import grouped
@@ -66,7 +66,8 @@ def first_mask_iou(scenario: Scenario) -> float:
     return intersection_over_union((labels == Label.OBJECT) & measured, truth & measured)
 
 
-SCENARIOS = "ReachCircular,ReachLinear,ReachSinusoidal"
+#: The scenarios, which take turns.
+SCENARIOS = ("ReachCircular", "ReachLinear", "ReachSinusoidal")
 #: Bottles, cans, tools, thin walls, fruit: of each kind of the built-in objects.
 OBJECTS = (
     "mustard_bottle,soup_can,small_box,mug,drill,bowl,banana,screwdriver,hammer,apple,cup,l_block"
@@ -79,27 +80,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/segmentation", objects=OBJECTS)
     parser.add_argument(
-        "--scenarios", type=names, default=names(SCENARIOS), help="Scenarios, separated by commas."
-    )
-    parser.add_argument(
         "--seeds", type=positive, default=3, help="Number of starts of each object."
     )
 
 
-def first_masks(name: str, path: str, scenarios: list[str], seeds: int, seed: int) -> list[Record]:
+def first_masks(name: str, path: str, seeds: int, seed: int) -> list[Record]:
     """The first mask of an object from every seed; the scenarios take turns.
 
     Args:
         name: Of the object.
         path: What is loaded.
-        scenarios: Names of packaged scenarios.
         seeds: How many starts.
         seed: Of the first.
     """
     filename = diagram_path("dynamic.scenarios.yaml")
     found = []
     for number in range(seed, seed + seeds):
-        scenario_name = scenarios[number % len(scenarios)]
+        scenario_name = SCENARIOS[number % len(SCENARIOS)]
         text = f"{{random_seed: {number}, object: {{model: {path!r}}}}}"
         iou = first_mask_iou(load_scenario(filename, scenario_name, text))
         found.append({"scenario": scenario_name, "object": name, "seed": number, "iou": iou})
@@ -123,11 +120,10 @@ def main(args: argparse.Namespace) -> int:
     objects = select_objects(args.objects)
     if args.quick:
         objects = {name: path for name, path in objects.items() if name in _QUICK} or objects
-    settings = {"scenarios": args.scenarios, "seeds": args.seeds, "seed": args.seed}
-    finished = finish_all(
+    settings = {"seeds": args.seeds, "seed": args.seed}
+    raw = finish_all(
         objects, args.out / "objects", settings, first_masks, jobs=args.jobs, desc="first masks"
     )
-    raw = [record for name in objects for record in finished[name]]
     write_csv(args.out / "first_masks.csv", raw)
     report_rows(args, "evaluate segmentation", mask_rows(raw))
     return 0

@@ -211,10 +211,9 @@ def main(args: argparse.Namespace) -> int:
     if args.quick:
         objects, views = dict(list(objects.items())[:: -(-len(objects) // 12)]), min(views, 2)
     settings = {"views": views, "seed": args.seed}
-    finished = finish_all(
+    records = finish_all(
         objects, args.out / "objects", settings, evaluate_object, jobs=args.jobs, desc="shape"
     )
-    records = [record for name in objects for record in finished[name]]
     write_csv(args.out / "views.csv", records, floats=".6g")
     report_rows(args, "evaluate shape", summary_rows(records))
     return 0

@@ -26,11 +26,11 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.runs.results.arguments import positive
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.paper.judge import JudgeMethod
-from feasigrasp_lab.protocols.changes import Change, both
+from feasigrasp_lab.protocols.changes import Change, both, setting
 from feasigrasp_lab.protocols.tuned import rows_apart
 from feasigrasp_lab.results.arguments import add_common_arguments, names, select_objects
 from feasigrasp_lab.results.finished import Record, finish_all
-from feasigrasp_lab.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp_lab.results.rows import Row, format_rows
 from feasigrasp_lab.results.statistics import grouped, mean_of_objects
 from feasigrasp_lab.results.workers import add_worker_arguments
 from feasigrasp_lab.runs.plan import (
@@ -40,7 +40,7 @@ from feasigrasp_lab.runs.plan import (
     add_scenario_arguments,
     plan_run,
 )
-from feasigrasp_lab.runs.run_plan import conditions_text, run_plan
+from feasigrasp_lab.runs.run_plan import run_plan
 from feasigrasp_lab.runs.studies import Study
 from feasigrasp_lab.runs.summary import handling_rows
 from feasigrasp_lab.training.data.grasp_examples import true_input
@@ -73,28 +73,22 @@ PROTOCOLS: dict[str, Change] = {each.__name__: each for each in (honest, hard, p
 
 #: What a sampler is followed by, by the name of the stage.
 _STAGES = {
-    "": (False, JudgeMethod.NONE),
-    "+filter": (True, JudgeMethod.NONE),
-    "+filter+reachability": (True, JudgeMethod.IK),
+    "": {"perception.filter": False, "reachability.method": JudgeMethod.NONE.value},
+    "+filter": {"perception.filter": True, "reachability.method": JudgeMethod.NONE.value},
+    "+filter+reachability": {
+        "perception.filter": True,
+        "reachability.method": JudgeMethod.IK.value,
+    },
 }
 #: The whole pipeline: what the protocols run with when nothing is left out.
 WHOLE = f"{SamplerName.NETWORK}+filter+reachability"
 
 
-def _only(sampler: str, filtered: bool, method: JudgeMethod) -> Change:
-    def change(scenario: Scenario) -> None:
-        scenario.perception.sampler = sampler
-        scenario.perception.filter = filtered
-        scenario.reachability.method = method.value
-
-    return change
-
-
 #: The paper's ablation for each of the samplers: alone, with the filter, with reachability as well.
 ABLATIONS: dict[str, Change] = {
-    f"{sampler}{stage}": _only(sampler, *parts)
+    f"{sampler}{stage}": setting({"perception.sampler": sampler} | keys)
     for sampler in sampler_names()
-    for stage, parts in _STAGES.items()
+    for stage, keys in _STAGES.items()
 }
 
 
@@ -137,7 +131,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    return run_plan(args, plan(args), Split.DEVELOPMENT, _report, desc="static")
+    return run_plan(args, plan(args), Split.DEVELOPMENT, "static", summary_rows, _table)
 
 
 def plan(args: argparse.Namespace) -> Plan:
@@ -183,7 +177,7 @@ def _graspable(args: argparse.Namespace) -> tuple[dict[str, str], dict[str, str]
     if args.quick:
         objects = dict(list(objects.items())[:2])
     judged = finish_all(objects, args.out / "objects", {}, judge, jobs=args.jobs, desc="objects")
-    reasons = {name: records[0]["left_out"] for name, records in judged.items()}
+    reasons = {name: each["left_out"] for name, each in zip(objects, judged, strict=True)}
     return (
         {name: what for name, what in objects.items() if reasons[name] is None},
         {name: reason for name, reason in reasons.items() if reason is not None},
@@ -251,16 +245,8 @@ def _outcomes(preset: str, group: Sequence[Record], prefix: str = "static.") -> 
     return [Row.percent(f"{prefix}{name}", preset, so, objects) for name, so in shares.items()]
 
 
-def _report(
-    args: argparse.Namespace, records: Sequence[Record], found: dict[str, Any], **more: bool
-) -> None:
-    """Prints and writes the figures of some trials; ``partial`` if those are not all."""
-    rows = summary_rows(records)
-    shown = [row for row in rows if row.name.startswith("static.") and "object" not in row.name]
-    table = f"{format_rows(shown)}\n{conditions_text(found)}"
-    report_rows(args, "evaluate static", rows, table, conditions=found, **more)
-    heads = ("scenario", "controller", "object", "seed", "git")
-    write_csv(
-        args.out / "runs.csv",
-        ({h: r[h] for h in heads} | r["metrics"] | {"error": r["error"]} for r in records),
+def _table(rows: Sequence[Row]) -> str:
+    """What is printed of them: not those of single objects."""
+    return format_rows(
+        [row for row in rows if row.name.startswith("static.") and "object" not in row.name]
     )

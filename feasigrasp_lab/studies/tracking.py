@@ -204,10 +204,9 @@ def main(args: argparse.Namespace) -> int:
         "seed": args.seed,
         "folder": str(args.out / "recordings"),
     }
-    finished = finish_all(
+    records = finish_all(
         objects, args.out / "objects", settings, judge_object, jobs=args.jobs, desc="tracking"
     )
-    records = [record for name in objects for record in finished[name]]
     write_csv(args.out / "runs.csv", records, list(records[0]), ".6g")
     report_rows(args, "evaluate tracking", summary_rows(records))
     return 0

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
+from feasigrasp.errors import InputError
+from feasigrasp.inputs import read_arrays
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.camera import Camera, stereo_deviation, unproject
 from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
@@ -28,7 +30,7 @@ from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
-from feasigrasp_lab.results.finished import finished_arrays, write_arrays
+from feasigrasp_lab.results.finished import write_arrays
 from feasigrasp_lab.results.workers import made_with
 
 
@@ -185,8 +187,11 @@ def recorded(
     made_of = {"scenario": scenario, "changes": list(changes), "duration": duration}
     content = mesh.read_bytes() if mesh is not None and mesh.is_file() else b""
     key = json.dumps(made_with() | made_of | {"mesh": sha256(content).hexdigest()})
-    found = finished_arrays(filename)
-    if found is None or str(found.get("key")) != key:
+    try:
+        found = read_arrays(filename)
+    except InputError:  # there is none, or no whole one
+        found = {}
+    if str(found.get("key")) != key:
         made = record(scenario, changes, duration)
         write_arrays(filename, {**vars(made), "key": np.array(key)})
         return made

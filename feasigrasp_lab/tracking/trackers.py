@@ -1,4 +1,4 @@
-"""Trackers on recordings: their interface, ours, and other registrations in its place.
+"""Trackers on recordings: ours, and other registrations in its place.
 
 Peers register image against model, point to plane. They get what ours gets: the same images and
 points, the pose expected from the last two, and a model that grows by the same rule of keyframes,
@@ -7,7 +7,6 @@ fused in voxels as ours is.
 
 from collections.abc import Callable
 from importlib.util import find_spec
-from typing import Protocol
 
 import numpy as np
 
@@ -21,27 +20,6 @@ from feasigrasp.models.tracking.sequence import SequenceTracker
 from feasigrasp.models.tracking.view import ObjectView
 
 
-class Tracker(Protocol):
-    """What plays a recording: a tracker, or a peer."""
-
-    def looked(self, view: ObjectView, time: float) -> None:
-        """Takes in an image."""
-
-    def learnt(self) -> bool:
-        """Merges the last view if it is informative; returns whether it did."""
-
-    @property
-    def X_WO(self) -> Array | None:
-        """The pose now, shape (4, 4); None before the first view."""
-
-    @property
-    def V_WO(self) -> Array:
-        """The twist now, shape (6,)."""
-
-    def predicted(self, time: float, ahead: float) -> Array:
-        """The pose ``ahead`` seconds after now, shape (4, 4)."""
-
-
 class OurTracker:
     """`SequenceTracker`, image by image."""
 
@@ -49,28 +27,28 @@ class OurTracker:
         self._now = SequenceTracker()
 
     def looked(self, view: ObjectView, time: float) -> None:
-        """Takes in an image."""
+        """Takes in an image, at a time [s]."""
         self._now = self._now.looked(view, time)
 
     def learnt(self) -> bool:
-        """Merges a keyframe, if there is a new one."""
+        """Merges the last view if it is informative; whether it did."""
         before, self._now = self._now, self._now.learnt()
         return self._now is not before
 
     @property
     def X_WO(self) -> Array | None:
-        """The pose at the time of the last image."""
+        """The pose at the time of the last image, shape (4, 4); None before the first view."""
         estimate = self._now.track.estimate
         return None if estimate is None else estimate.X_WO
 
     @property
     def V_WO(self) -> Array:
-        """The twist."""
+        """The twist, shape (6,)."""
         estimate = self._now.track.estimate
         return np.zeros(6) if estimate is None else estimate.V_WO
 
     def predicted(self, time: float, ahead: float) -> Array:
-        """As the motion of the last seconds goes on."""
+        """The pose ``ahead`` seconds later, as the motion of the last seconds goes on, (4, 4)."""
         track = self._now.track
         X_WO = None if track.estimate is None else track.estimate.pose(time)
         X: Array = MotionEstimate(track.motion, time, X_WO).predict([ahead])[0]
@@ -198,3 +176,7 @@ class PeerTracker:
         self._cloud = self._cloud.merged(points_O, p_OC, register=False)
         self._views, self._last_key = self._views.extended(p_OC, time), time
         return True
+
+
+#: What plays a recording; ``V_WO`` and ``predicted`` want a first view.
+Tracker = OurTracker | PeerTracker

@@ -15,7 +15,7 @@ from torch import Tensor
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.geometry import se3
 from feasigrasp_lab.baselines.diffusion_energy import LENGTH, standard_deviation
-from feasigrasp_lab.results.finished import read_shard
+from feasigrasp_lab.results.finished import read_shards
 from feasigrasp_lab.training.loop import TrainingError, split_families
 
 #: Least time, at which noise is 2.6 mm and 1.2 degrees. Source: guessed.
@@ -138,10 +138,9 @@ def load_pose_examples(
         TrainingError: One side would be empty.
         InputError: A shard is broken.
     """
-    shards = [read_shard(file, _ENTRIES) for file in files]
-    if not shards:
+    if not files:
         raise TrainingError("no example has enough grasps; make more objects")
-    everything = PoseExamples(*(np.concatenate([s[name] for s in shards]) for name in _ENTRIES))
+    everything = PoseExamples(**read_shards(files, _ENTRIES))
     held, rest = split_families(everything.family, held_out, "there are grasps")
     held = np.sort(np.random.default_rng(seed).permutation(held)[:n_held_out])
     return everything.chosen(rest), everything.chosen(held)

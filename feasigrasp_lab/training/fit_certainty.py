@@ -153,7 +153,7 @@ def stages(cases: Cases) -> Iterator[tuple[str, tuple[float, ...], float, int]]:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Fits and prints the coefficients, and writes ``success_probability.json``."""
+    """Fits and prints the coefficients, and writes ``certainty.json``."""
     shapes = shape_names(args.objects, args.seed)
     made = in_processes(object_cases, shapes, args.jobs, ordered=True)
     all_cases = [c for c in tqdm(made, total=len(shapes), desc="objects") if c]

@@ -35,7 +35,7 @@ from feasigrasp_lab.mixtures.fit import fit_riemannian_mixture
 from feasigrasp_lab.mixtures.mixture import bic
 from feasigrasp_lab.paper.float32_kernels import log_densities, pack
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
-from feasigrasp_lab.results.arguments import add_run_arguments, command_line
+from feasigrasp_lab.results.arguments import add_run_arguments, command_line, names
 from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
 from feasigrasp_lab.results.rows import Row, write_csv, write_summary
 
@@ -170,7 +170,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--components",
-        default="128",
+        type=component_counts,
+        default=[128],
         help=f"Numbers of components, separated by commas; 'sweep' is {','.join(map(str, SWEEP))}. "
         "The fit with the last one is written as reachable_space.npz.",
     )
@@ -185,7 +186,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    components = parse_components(args.components)
     thin = manipulability_reference() if args.weighting == Weighting.MANIPULABILITY else None
     settings = {"arm": "iiwa", **{name: getattr(args, name) for name in _DECISIVE}}
     _keep_folder(args.out, settings)
@@ -195,7 +195,7 @@ def main(args: argparse.Namespace) -> int:
     print(", ".join(f"{value} {name}" for name, value in counts.items()))
     poses, held_out = split(reached, args.fit_poses, args.seed)
     del reached
-    command, git = _command(args), git_revision()
+    command, git = command_line(args, "fit reachability"), git_revision()
     metadata = {
         **settings,
         "command": command,
@@ -204,7 +204,7 @@ def main(args: argparse.Namespace) -> int:
         "counts": {**counts, "fitted": len(poses), "held_out": len(held_out)},
     }
     fits = []
-    for k in components:
+    for k in args.components:
         path = args.out / f"reachable_space_{k}.npz"
         if path.is_file():
             space = ReachableSpace.load(path)
@@ -213,7 +213,11 @@ def main(args: argparse.Namespace) -> int:
             space.save(path)
         fits.append(space)
     fits[-1].save(args.out / "reachable_space.npz")
-    table = [(len(space.mixture), _bic(space), space.threshold) for space in fits]
+    table = []
+    for space in fits:
+        n, k = space.metadata["counts"]["fitted"], len(space.mixture)
+        likelihood = n * space.metadata["log_likelihood_per_pose"]
+        table.append((k, bic(k, n, likelihood), space.threshold))
     rows = [
         Row.plain("reachability.bic", f"K={k}", value, "1", len(poses)) for k, value, _ in table
     ]
@@ -225,21 +229,9 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def parse_components(text: str) -> tuple[int, ...]:
-    """Reads ``--components``.
-
-    Raises:
-        ReachabilityError: It is neither ``sweep`` nor a list of positive numbers.
-    """
-    if text == "sweep":
-        return SWEEP
-    try:
-        numbers = tuple(int(word) for word in text.split(","))
-    except ValueError:
-        numbers = ()
-    if not numbers or min(numbers) < 1:
-        raise ReachabilityError(f"--components {text}: give e.g. 64,128 or sweep")
-    return numbers
+def component_counts(text: str) -> list[int]:
+    """Reads ``--components``: ``sweep``, or numbers that are separated by commas."""
+    return [*SWEEP] if text == "sweep" else [positive(word) for word in names(text)]
 
 
 def split(reached: ReachedPoses, fit_poses: int, seed: int) -> tuple[Array, Array]:
@@ -278,11 +270,6 @@ def _fit(
     return ReachableSpace(mixture, threshold, {**metadata, "log_likelihood_per_pose": likelihood})
 
 
-def _bic(space: ReachableSpace) -> float:
-    n = space.metadata["counts"]["fitted"]
-    return bic(len(space.mixture), n, n * space.metadata["log_likelihood_per_pose"])
-
-
 def _keep_folder(out: Path, settings: dict[str, Any]) -> None:
     """Notes the settings of a folder; results of other settings are not mixed in.
 
@@ -294,9 +281,3 @@ def _keep_folder(out: Path, settings: dict[str, Any]) -> None:
         write_json(settings, file)
     elif read_json(file) != settings:
         raise ReachabilityError(f"{out} holds results of other settings; give another --out")
-
-
-def _command(args: argparse.Namespace) -> str:
-    names = ["samples", "fit_poses", "components", "weighting", "seed"]
-    given = argparse.Namespace(**{name: getattr(args, name) for name in names})
-    return command_line(given, "fit reachability")

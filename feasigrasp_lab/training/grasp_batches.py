@@ -21,9 +21,9 @@ from tqdm import tqdm
 
 from feasigrasp.models.arrays import Indices, Mask
 from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
-from feasigrasp_lab.networks import Contacts, Heads, ring_directions
+from feasigrasp_lab.networks import Contacts, Heads, chosen_points, ring_directions
 from feasigrasp_lab.paper.grasp_network import PaperGraspNetwork
-from feasigrasp_lab.results.finished import read_shard
+from feasigrasp_lab.results.finished import read_shards
 from feasigrasp_lab.training.loop import TrainingError, split_families
 
 #: Closing directions off by less than this count by the square, beyond it linearly [rad]. Source:
@@ -58,12 +58,7 @@ class Labels(NamedTuple):
 
     def chosen(self, rows: Tensor) -> Labels:
         """The labels of some rows (B, m)."""
-        return Labels(
-            *(
-                torch.take_along_dim(part, rows.reshape(*rows.shape, *[1] * (part.dim() - 2)), 1)
-                for part in self
-            )
-        )
+        return Labels(*(chosen_points(part, rows, 1) for part in self))
 
 
 def loss(preset: str, heads: Heads, labels: Labels) -> tuple[Tensor, dict[str, Tensor]]:
@@ -197,8 +192,7 @@ def load_examples(
             f"there are no shards in {folder}; make them with `feasigrasp "
             "train sampler-data`, or name their folder with --data"
         )
-    shards = [read_shard(file, ENTRIES) for file in files]
-    data = {name: np.concatenate([shard[name] for shard in shards]) for name in ENTRIES}
+    data = read_shards(files, ENTRIES)
     held, rest = split_families(data["family"], held_out, f"{folder} holds examples")
     rng = np.random.default_rng(seed)
     held = np.sort(rng.permutation(held)[:n_held_out])

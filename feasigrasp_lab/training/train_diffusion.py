@@ -1,13 +1,13 @@
 """``feasigrasp train diffusion``: train the grasp-diffusion baseline on the sampler's data.
 
-From the shards of ``feasigrasp train sampler-data`` it makes valid hand poses and signed distances,
-in shards that are kept, and trains `feasigrasp_lab.baselines.diffusion_energy` on them by denoising
-score matching on SE(3). Families of shapes that are held out judge; start the same command again to
-resume.
+From the shards of ``feasigrasp train sampler-data`` it makes valid hand poses, grasps of the same
+labels put exactly on the true mesh, and signed distances, in shards that are kept. On them it
+trains `feasigrasp_lab.baselines.diffusion_energy` by denoising score matching on SE(3). Families of
+shapes that are held out judge; start the same command again to resume.
 """
 
 import argparse
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -35,12 +35,6 @@ from feasigrasp_lab.training.loop import (
     rows_of_step,
     without_denormals,
 )
-
-# What grasp diffusion learns from: valid hand poses and signed distances, beside the same clouds.
-#
-# Made of the shards of ``feasigrasp train sampler-data``: the clouds are the same, and the poses
-# are grasps of the same labels, put exactly on the true mesh. Only the shapes of our own
-# stream can be made again from what a shard says of them.
 
 #: Hand poses and signed distances that are kept of each example; with fewer valid poses than the
 #: last, an example is left out. Source: guessed.
@@ -73,12 +67,8 @@ def write_hand_poses(filename: Path, number: int, *, shards: list[Path]) -> bool
     found: dict[str, list[Any]] = {
         name: [] for name in ("points", "normals", "X_OG", "places", "distance", "family")
     }
-    truths: dict[tuple[str, int], TrueGrasps] = {}
     for row, family in enumerate(data["family"]):
-        key = str(family), int(data["object_seed"][row])
-        if key not in truths:
-            truths[key] = _truth(*key)
-        truth = truths[key]
+        truth = _truth(str(family), int(data["object_seed"][row]))
         example = {name: data[name][row] for name in _ENTRIES[:-2]}
         poses = valid_poses(truth, example, rng)
         if len(poses) < LEAST:
@@ -131,6 +121,7 @@ def _places(truth: TrueGrasps, rng: np.random.Generator) -> Array:
     return np.concatenate([near, rng.uniform(lower, upper, (half, 3))])
 
 
+@lru_cache(maxsize=8)
 def _truth(family: str, seed: int) -> TrueGrasps:
     try:
         return TrueGrasps(make_shape(family, seed).mesh)
@@ -155,13 +146,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class Training(TrainingRun[PoseEnergy]):
-    """One training run; the running means of the weights are what is judged and written.
-
-    Args:
-        args: Arguments of the command.
-        examples: What to train on.
-        held_out: What to judge with.
-    """
+    """One training run; the running means of the weights are what is judged and written."""
 
     weights = "grasp_diffusion.npz"
     columns = (

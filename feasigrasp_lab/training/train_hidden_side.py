@@ -3,7 +3,7 @@
 First it makes pictures of household shapes, in shards that are kept: a shape is looked at from one
 to three random directions by the noisy depth camera, the distance field is fitted, and rays cast
 from behind towards a camera give the end of the object behind every pixel of its picture. Then it
-trains `feasigrasp_lab.training.train_hidden_side` on them. Whole families are held out and judge;
+trains `HiddenSideNetwork` on them. Whole families are held out and judge;
 start the same command again to resume.
 """
 
@@ -35,7 +35,7 @@ from feasigrasp.models.shape.hidden_side import (
 from feasigrasp.runs.results.arguments import positive
 from feasigrasp_lab.networks import network_arrays
 from feasigrasp_lab.results.arguments import add_run_arguments
-from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
+from feasigrasp_lab.results.finished import make_shards, read_shards, write_arrays
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT, make_shape, shape_of
 from feasigrasp_lab.training.data.views import ViewedObject, fused, turning_views
 from feasigrasp_lab.training.loop import (
@@ -44,10 +44,6 @@ from feasigrasp_lab.training.loop import (
     rows_of_step,
     without_denormals,
 )
-
-# The U-Net of the hidden side in torch, to train it.
-#
-# See `feasigrasp.models.shape.hidden_side` for what it computes, and for its weights.
 
 
 class _Block(nn.Sequential):
@@ -63,7 +59,7 @@ class _Block(nn.Sequential):
 
 
 class HiddenSideNetwork(nn.Module):
-    """Thickness of the object behind every pixel, and the spread of what it may be.
+    """The U-Net of `feasigrasp.models.shape.hidden_side` in torch.
 
     It corrects the thickness that is estimated without it. Pictures (b, FEATURES, s, s) become
     medians and scales of Laplace distributions, (b, s, s) each, in units of the picture's scale;
@@ -172,13 +168,6 @@ def object_pictures(
     return np.stack(seen), np.stack(truth)
 
 
-def make_pictures(folder: Path, objects: int, views: int, seed: int, jobs: int) -> list[Path]:
-    """Makes the shards that are not there yet, those held out among them."""
-    files = [folder / f"pictures_{number:04d}.npz" for number in range(-(-objects // SHARD))]
-    make_shards(files, partial(_write_shard, views=views, seed=seed), jobs=jobs, desc="pictures")
-    return files
-
-
 def _write_shard(filename: Path, number: int, *, views: int, seed: int) -> bool:
     seen, truth, held = [], [], []
     for index in range(number * SHARD, (number + 1) * SHARD):
@@ -193,11 +182,8 @@ def _write_shard(filename: Path, number: int, *, views: int, seed: int) -> bool:
 
 def read_pictures(files: list[Path]) -> tuple[Pictures, Pictures]:
     """Pictures and thickness to train on, and those that judge."""
-    shards = []
-    for file in files:
-        shard = read_shard(file, ("pictures", "thickness", "held_out"))
-        shards.append(tuple(shard.values()))
-    pictures, thickness, held = (np.concatenate(part) for part in zip(*shards, strict=True))
+    found = read_shards(files, ("pictures", "thickness", "held_out"))
+    pictures, thickness, held = found.values()
     return (pictures[~held], thickness[~held]), (pictures[held], thickness[held])
 
 
@@ -209,13 +195,7 @@ def loss(median: Tensor, spread: Tensor, truth: Tensor) -> Tensor:
 
 
 class Training(TrainingRun[HiddenSideNetwork]):
-    """One training run; the running means of the weights are what is judged and written.
-
-    Args:
-        args: Arguments of the command.
-        train: What to train on.
-        judge: What to judge with.
-    """
+    """One training run; the running means of the weights are what is judged and written."""
 
     weights = "hidden_side.npz"
     shown = "held out {held_out_mm:.2f} mm"
@@ -290,5 +270,8 @@ def main(args: argparse.Namespace) -> int:
     quick_objects, quick_steps = 64, 40
     if args.quick:
         args.objects, args.steps = min(args.objects, quick_objects), min(args.steps, quick_steps)
-    files = make_pictures(args.out / "pictures", args.objects, args.views, args.seed, args.jobs)
+    numbers = range(-(-args.objects // SHARD))
+    files = [args.out / "pictures" / f"pictures_{number:04d}.npz" for number in numbers]
+    make = partial(_write_shard, views=args.views, seed=args.seed)
+    make_shards(files, make, jobs=args.jobs, desc="pictures")
     return Training(args, *read_pictures(files)).run()

@@ -5,8 +5,10 @@ their flange poses. Start the same command again to resume.
 """
 
 import argparse
+import json
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 
 import numpy as np
 import torch
@@ -16,6 +18,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp_lab.arm import in_collision, refine
+from feasigrasp_lab.networks import network_arrays
 from feasigrasp_lab.paper.ik_flow import DAMPING, IkFlow
 from feasigrasp_lab.paper.ik_flow_layers import (
     BACKGROUND,
@@ -173,9 +176,7 @@ def training_batch(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
 
 def export(network: IkFlowNetwork) -> IkFlow:
     """The flow without torch."""
-    state = network.state_dict()
-    arrays = {name: tensor.detach().cpu().numpy().copy() for name, tensor in state.items()}
-    return IkFlow(network.shape, arrays)
+    return IkFlow(network.shape, network_arrays(network))
 
 
 def held_out_metrics(network: IkFlowNetwork, q: Array, X_WF: Array) -> dict[str, float]:
@@ -184,7 +185,7 @@ def held_out_metrics(network: IkFlowNetwork, q: Array, X_WF: Array) -> dict[str,
     with torch.no_grad():
         density = -network(_tensor(q, device), _tensor(X_WF, device))[1].double().mean(0)
     flow = export(network)
-    sample = flow.sample(X_WF)[:, 0]
+    sample = flow.sample(X_WF)
     _, position, angle = refine(X_WF, sample, 0, DAMPING)
     _, refined_position, refined_angle = refine(X_WF, sample, 3, DAMPING, limit_margin=0.0)
     reached = (refined_position < 1e-3) & (refined_angle < math.radians(1.0))
@@ -200,12 +201,7 @@ def held_out_metrics(network: IkFlowNetwork, q: Array, X_WF: Array) -> dict[str,
 
 
 class Training(TrainingRun[IkFlowNetwork]):
-    """One training run; the weights with the best held-out likelihood are kept.
-
-    Args:
-        args: Arguments of the command.
-        shape: Sizes of the networks.
-    """
+    """One training run; the weights with the best held-out likelihood are kept."""
 
     weights = "ik_flow.npz"
     columns = (
@@ -224,7 +220,8 @@ class Training(TrainingRun[IkFlowNetwork]):
     largest_gradient = 5.0
 
     def __init__(self, args: argparse.Namespace, shape: FlowShape) -> None:
-        identity = {"seed": args.seed, "batch": args.batch, "shape": shape.as_dict()}
+        sizes = json.loads(json.dumps(asdict(shape)))  # lists, as earlier checkpoints have them
+        identity = {"seed": args.seed, "batch": args.batch, "shape": sizes}
         torch.manual_seed(args.seed)
         optimizer = torch.optim.Adam, {"lr": args.learning_rate}
         super().__init__(args, IkFlowNetwork(shape), optimizer, identity)

@@ -130,7 +130,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_run_arguments(parser, out="", jobs=False)
     parser.set_defaults(out=None)  # out/train_sampler/PRESET
-    parser.add_argument("--start", type=Path, help="Initial weights, a file. Default: random.")
     add_loop_arguments(parser, batch=16, rate=3e-3, of="clouds")
     parser.add_argument(
         "--points", type=positive, default=128, help="Labelled points of each cloud in the loss."
@@ -143,12 +142,7 @@ class Training(TrainingRun[nn.Module]):
     """One training run; the running means of the weights are what is judged and written.
 
     What decides which weights are kept is how well contacts are ranked. How sure probabilities are,
-    which the loss counts as well, `fit success_probability` mends.
-
-    Args:
-        args: Arguments of the command, ``out`` filled in.
-        examples: What to train on.
-        held_out: What to judge with.
+    which the loss counts as well, `feasigrasp fit certainty` mends.
     """
 
     weights = "grasp_network.npz"
@@ -173,7 +167,8 @@ class Training(TrainingRun[nn.Module]):
             "held_out": len(held_out),
         }
         optimizer = torch.optim.AdamW, {"lr": args.learning_rate, "weight_decay": 1e-3}
-        super().__init__(args, _untrained(args), optimizer, identity)
+        network = NETWORKS[args.preset].untrained(args.seed).network
+        super().__init__(args, network, optimizer, identity)
 
     def losses(self) -> dict[str, Tensor]:
         """The loss of a batch and its parts, at some points of each cloud."""
@@ -196,12 +191,6 @@ class Training(TrainingRun[nn.Module]):
         """Writes the running means."""
         network = copy.deepcopy(self.averaged)
         NETWORKS[self.preset].of(network).save(self.folder / self.weights)
-
-
-def _untrained(args: argparse.Namespace) -> nn.Module:
-    if args.start is None:
-        return NETWORKS[args.preset].untrained(args.seed).network
-    return NETWORKS[args.preset].load(args.start).network
 
 
 @without_denormals()

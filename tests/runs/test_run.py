@@ -156,7 +156,6 @@ def test_a_drive_that_clips_nothing_shows_in_the_record():
         "control: {controller: task, mode: paper}",
         "control: {controller: joint, mode: paper}",
         "control: {controller: joint, mode: corrected, options: {source: flow}}",
-        "control: {controller: joint, mode: corrected, options: {source: dls}}",
         "reachability: {method: rmm}",
         "reachability: {method: both}",
         "perception: {sampler: antipodal}",

@@ -11,8 +11,8 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
-from feasigrasp_lab.arm import min_distance
 from tests.controller_bench import FAR, NEAR, REACH, STILL, UNKNOWN, Bench, every, ring
+from tests.truths import min_distance
 
 
 @every

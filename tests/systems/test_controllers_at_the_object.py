@@ -21,8 +21,8 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp.systems.ports import declare_output, to_value
-from feasigrasp_lab.arm import min_distance
 from tests.controller_bench import HOME, NEAR, REACH, STILL, UNKNOWN, Bench, every, ring
+from tests.truths import min_distance
 
 
 class MovingObject(LeafSystem):

@@ -25,7 +25,7 @@ from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf, predicted_deviation
-from feasigrasp_lab.training.data.grasp_labels import PointLabels, best_labels, find_pairs
+from feasigrasp_lab.training.data.grasp_labels import find_labels
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views
 
@@ -36,8 +36,8 @@ POINTS = 512
 #: Standard deviation of the tracked pose in every other fusion of several views: [m] and [rad].
 #: Source: guessed.
 TRACKING = (0.002, float(np.deg2rad(1.0)))
-#: How labels are stored.
-_STORED = dict.fromkeys(("width", "closing", "across"), np.float32)
+#: Labels that are stored in single precision.
+_SINGLE = ("width", "closing", "across")
 
 
 def fuse_and_complete(views: Sequence[PartialView]) -> Gpdf:
@@ -94,14 +94,6 @@ def true_input(truth: TrueGrasps, rng: np.random.Generator) -> GraspInput:
     return GraspInput(points, normals, scalars)  # type: ignore[arg-type]
 
 
-def labelled(made: GraspInput, labels: PointLabels) -> Example:
-    """Input and labels as the arrays of a shard."""
-    found: Example = {"points": made.points, "normals": made.normals, "scalars": made.scalars}
-    for name, array in labels._asdict().items():
-        found[name] = array.astype(_STORED.get(name, array.dtype))
-    return found
-
-
 def object_examples(
     obj: RigidObject,
     family: str,
@@ -129,9 +121,11 @@ def object_examples(
         if made is None:
             continue
         surface = made.points.astype(float), made.normals.astype(float)
-        labels = best_labels(find_pairs(truth, *surface, ParallelGripper(), rng), POINTS)
-        about = {"family": family, "object_seed": seed, "n_views": n_views}
-        examples.append(labelled(made, labels) | about | {"true_surface": true})
+        labels = find_labels(truth, *surface, ParallelGripper(), rng)._asdict()
+        labels |= {name: labels[name].astype(np.float32) for name in _SINGLE}
+        about = {"family": family, "object_seed": seed, "n_views": n_views, "true_surface": true}
+        seen = {"points": made.points, "normals": made.normals, "scalars": made.scalars}
+        examples.append(seen | labels | about)
     return examples
 
 

@@ -7,7 +7,6 @@ A label answers for the grasp that starts at a point with a closing direction b 
 the hand's camera may be on either side (b and -b are the same grasp, seen from its two contacts).
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -30,37 +29,16 @@ SLACK = 0.004
 GRASPABLE = 10
 
 
-@dataclass(frozen=True, eq=False)
-class ContactPairs:
-    """Valid grasps by the point at which they start, best first at every point.
-
-    Attributes:
-        point: Index of that point, shape (m,).
-        contact: Where the pads touch the true surface there, shape (m, 3) [m].
-        closing: Closing directions b from there into the object, unit, shape (m, 3).
-        width: Distance to the opposite contact, shape (m,) [m].
-        across: Approach direction of turn 0, unit, perpendicular to b, shape (m, 3).
-        free: Turns about b in which the hand is free, shape (m, N_TURNS). Turn k has the approach
-            ``cos(t) u + sin(t) (b x u)``, ``t = 2 pi k / N_TURNS``, u being ``across``.
-    """
-
-    point: Indices
-    contact: Array
-    closing: Array
-    width: Array
-    across: Array
-    free: Mask
-
-
 class PointLabels(NamedTuple):
-    """One label per point; zero where ``contact`` is False.
+    """The best valid grasp that starts at each of n points; zero where ``contact`` is False.
 
     Attributes:
         contact: Whether a valid grasp starts at the point, shape (n,).
-        width: Of the best one [m], shape (n,).
-        closing: Its closing direction, unit, shape (n, 3).
-        across: Approach direction of turn 0, shape (n, 3).
-        free: Turns in which the hand is free, see `ContactPairs`, shape (n, N_TURNS).
+        width: Distance between its contacts [m], shape (n,).
+        closing: Its closing direction b into the object, unit, shape (n, 3).
+        across: Approach direction of turn 0, unit, perpendicular to b, shape (n, 3).
+        free: Turns about b in which the hand is free, shape (n, N_TURNS). Turn k has the approach
+            ``cos(t) u + sin(t) (b x u)``, ``t = 2 pi k / N_TURNS``, u being ``across``.
     """
 
     contact: Mask
@@ -70,52 +48,13 @@ class PointLabels(NamedTuple):
     free: Mask
 
 
-def best_labels(pairs: ContactPairs, n_points: int) -> PointLabels:
-    """The label of every point: the best of its pairs."""
-    points, first = np.unique(pairs.point, return_index=True)
-
-    def at_points(values: NDArray[Any]) -> NDArray[Any]:
-        everywhere = np.zeros((n_points, *values.shape[1:]), values.dtype)
-        everywhere[points] = values
-        return everywhere
-
-    return PointLabels(
-        contact=at_points(np.ones(len(points), dtype=bool)),
-        width=at_points(pairs.width[first]),
-        closing=at_points(pairs.closing[first]),
-        across=at_points(pairs.across[first]),
-        free=at_points(pairs.free[first]),
-    )
-
-
-def on_true_surface(
-    truth: TrueGrasps, points: Array, normals: Array
-) -> tuple[Indices, Array, Array]:
-    """Which points (n, 3) with outward normals (n, 3) are not invented.
-
-    Returns:
-        Their indices, and for all points the nearest true ones with the normals there, (n, 3) each.
-    """
-    # A completed point counts if it is this near to the true surface [m] and turned so little
-    # [deg].
-    near, aligned_deg = 0.004, 25.0
-    at, outward = truth.closest(points)
-    real = np.linalg.norm(at - points, axis=1) <= near
-    real &= np.einsum("ij,ij->i", outward, normals) >= np.cos(np.deg2rad(aligned_deg))
-    return np.flatnonzero(real), at, outward
-
-
-def find_pairs(
+def find_labels(
     truth: TrueGrasps,
     points: Array,
     normals: Array,
     gripper: ParallelGripper,
     rng: np.random.Generator,
-    # Pairs at one point that are kept, best first.
-    per_point: int = 2,
-    # Clearance of the open hand that a label asks for [m]: what it calls valid is not marginal.
-    clearance: float = 0.0015,
-) -> ContactPairs:
+) -> PointLabels:
     """Valid grasps that start at points of a completed surface.
 
     Args:
@@ -124,11 +63,17 @@ def find_pairs(
         normals: Outward unit normals, shape (n, 3).
         gripper: The hand, approaching fully open.
         rng: Turns the sets of directions that are tried.
-        per_point: Pairs kept at a point; the search is as fine for any number.
-        clearance: Distance that the open hand keeps from the surface [m].
     """
-    real, at, outward = on_true_surface(truth, points, normals)
-    index, center, b, width, cosine = _antipodal_lines(truth, real, at, outward, gripper, rng)
+    # A completed point counts if it is this near to the true surface [m] and turned so little
+    # [deg]; others are invented.
+    near, aligned_deg = 0.004, 25.0
+    at, outward = truth.closest(points)
+    real = np.linalg.norm(at - points, axis=1) <= near
+    real &= np.einsum("ij,ij->i", outward, normals) >= np.cos(np.deg2rad(aligned_deg))
+    lines = _antipodal_lines(truth, np.flatnonzero(real), at, outward, gripper, rng)
+    index, center, b, width, cosine = lines
+    # Of the lines at a point the hand is tried on so many, those that oppose each other best.
+    per_point = 2
     order = np.lexsort((-cosine, index))
     rank = np.arange(len(order)) - np.searchsorted(index[order], index[order])
     order = order[rank < per_point]
@@ -136,39 +81,34 @@ def find_pairs(
     width, cosine = width[order], cosine[order]
 
     across, _ = perpendiculars(b)
-    free = _free_turns(truth, center, b, across, gripper, clearance)
-    left = free.any(axis=1)
-    # Best first: well opposed, and free all round.
+    free = _free_turns(truth, center, b, across, gripper)
+    # The best one is well opposed, and free all round.
     score = cosine + 0.1 * free.mean(axis=1)
-    kept = np.flatnonzero(left)
+    kept = np.flatnonzero(free.any(axis=1))
     kept = kept[np.lexsort((-score[kept], index[kept]))]
-    return ContactPairs(
-        point=index[kept],
-        contact=center[kept] - 0.5 * width[kept, None] * b[kept],
-        closing=b[kept],
-        width=width[kept],
-        across=across[kept],
-        free=free[kept],
-    )
+    starts, first = np.unique(index[kept], return_index=True)
+
+    def at_points(values: NDArray[Any]) -> NDArray[Any]:
+        everywhere = np.zeros((len(points), *values.shape[1:]), values.dtype)
+        everywhere[starts] = values[kept[first]]
+        return everywhere
+
+    contact = at_points(np.ones(len(index), dtype=bool))
+    return PointLabels(contact, *map(at_points, (width, b, across, free)))
 
 
 def is_graspable(truth: TrueGrasps, surface: GraspInput, gripper: ParallelGripper) -> bool:
     """Whether the true surface has grasps for the hand, see `GRASPABLE`."""
     points, normals = surface.points.astype(float), surface.normals.astype(float)
-    pairs = find_pairs(truth, points, normals, gripper, np.random.default_rng(0))
-    return len(np.unique(pairs.point)) >= GRASPABLE
+    labels = find_labels(truth, points, normals, gripper, np.random.default_rng(0))
+    return int(labels.contact.sum()) >= GRASPABLE
 
 
 def _free_turns(
-    truth: TrueGrasps,
-    center: Array,
-    b: Array,
-    across: Array,
-    gripper: ParallelGripper,
-    clearance: float,
+    truth: TrueGrasps, center: Array, b: Array, across: Array, gripper: ParallelGripper
 ) -> Mask:
     """Turns about closing lines in which the open hand is free, shape (m, N_TURNS)."""
-    boxes, table = _turning_hand(gripper, clearance)
+    boxes, table = _turning_hand(gripper)
     blocked = blocked_turns(truth.samples, center, b, across, boxes[:, :, 0].copy(), table)
     hand = np.bitwise_or.reduce(blocked[:, :-2], axis=1)
     # The camera blocks a turn only if it does on both sides: they are symmetric grasps.
@@ -179,9 +119,10 @@ def _free_turns(
 
 
 @lru_cache(maxsize=8)
-def _turning_hand(gripper: ParallelGripper, clearance: float) -> tuple[Array, NDArray[np.uint64]]:
+def _turning_hand(gripper: ParallelGripper) -> tuple[Array, NDArray[np.uint64]]:
     """Boxes of the open hand, the last two the camera on either side, and their turn table."""
-    boxes = hand_boxes(gripper, clearance)
+    # Clearance of the open hand that a label asks for [m]: what it calls valid is not marginal.
+    boxes = hand_boxes(gripper, 0.0015)
     other_side = boxes[-1].copy()
     other_side[:, 1] = -boxes[-1, ::-1, 1]
     boxes = np.concatenate([boxes, other_side[None]])

@@ -92,7 +92,7 @@ def test_no_direction_takes_nothing_and_gradients_stay_finite():
     x = torch.zeros(3, 4, 5, dtype=torch.float64, requires_grad=True)
     y = layer(x)
     assert torch.equal(y, torch.zeros_like(y))
-    (y.sum() + lengths(y).sum() + unit(y, dim=0).sum()).backward()
+    (y.sum() + lengths(y).sum() + unit(y.movedim(0, -1)).sum()).backward()
     assert torch.isfinite(x.grad).all()
     assert torch.isfinite(layer.mix.weight.grad).all()
     assert torch.isinf(squared_length(x)).all()

@@ -13,6 +13,7 @@ from feasigrasp_lab.paper.grasp_mixture import (
     MixtureMemory,
     fit_grasp_mixture,
 )
+from tests.lab.paper.ascents import tangents
 
 
 def clustered_grasps(n=60, k=3, seed=0):
@@ -82,7 +83,7 @@ def test_a_grasp_and_its_twin_never_share_a_component(n, seed):
     grasps = clustered_grasps(n=n, k=1, seed=seed)[0].with_symmetric()
     mixture = fit_grasp_mixture(grasps, 10, np.random.default_rng(seed))
     assert not np.any(mixture.component[:n] == mixture.component[n:])
-    angles = np.linalg.norm(mixture.mixture.tangents(grasps.X_OG)[..., :3], axis=-1)
+    angles = np.linalg.norm(tangents(mixture.mixture, grasps.X_OG)[..., :3], axis=-1)
     assert angles.min(axis=1).max() <= MAX_ROTATION + 1e-9
 
 

@@ -13,7 +13,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp_lab.paper.joint_law import GAINS, PaperJointControl
 from feasigrasp_lab.paper.options import PaperOptions
-from feasigrasp_lab.paper.predicted_reachability import KeepingRule, judge_grasps
+from feasigrasp_lab.paper.predicted_reachability import judge_grasps
 from feasigrasp_lab.paper.solutions import Solutions
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
@@ -39,7 +39,7 @@ def solutions_of(grasps, options, X_WO=X_WO):
 
 
 def in_reach(grasps):
-    return judge_grasps(grasps, X_WO, STILL, REACHABILITY, rule=KeepingRule(n_best=200)).grasps
+    return judge_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=200).grasps
 
 
 @pytest.mark.parametrize("options", [PaperOptions(), PRINTED], ids=["corrected", "printed"])

@@ -9,7 +9,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability
 from feasigrasp_lab.paper.judge import PoseJudge
-from feasigrasp_lab.paper.predicted_reachability import KeepingRule, judge_grasps
+from feasigrasp_lab.paper.predicted_reachability import judge_grasps
 
 REACHABILITY = Reachability()
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
@@ -39,7 +39,8 @@ def test_without_look_ahead_they_are_those_in_reach(grasps):
         STILL,
         REACHABILITY,
         horizon=0.0,
-        rule=KeepingRule(n_best=1000, score_share=0.0),
+        n_best=1000,
+        score_share=0.0,
     ).grasps
     np.testing.assert_array_equal(np.sort(kept.score), np.sort(both.score[reach]))
     assert rows(kept.X_OG) == rows(both.X_OG[reach])
@@ -63,7 +64,8 @@ def test_an_object_that_leaves_loses_the_grasps_that_leave_reach(grasps):
         V_WO,
         REACHABILITY,
         horizon=1.0,
-        rule=KeepingRule(n_best=1000, score_share=0.0),
+        n_best=1000,
+        score_share=0.0,
     ).grasps
     now = judge_grasps(
         grasps,
@@ -71,7 +73,8 @@ def test_an_object_that_leaves_loses_the_grasps_that_leave_reach(grasps):
         V_WO,
         REACHABILITY,
         horizon=0.0,
-        rule=KeepingRule(n_best=1000, score_share=0.0),
+        n_best=1000,
+        score_share=0.0,
     ).grasps
     X_later = X_WO.copy()
     X_later[:3, :3] = se3.so3_exp([0, 0, 0.4])
@@ -92,12 +95,8 @@ def test_an_object_that_flies_away_keeps_none(grasps):
 
 
 def test_of_too_many_the_best_are_kept(grasps):
-    every = judge_grasps(
-        grasps, X_WO, STILL, REACHABILITY, rule=KeepingRule(n_best=1000, score_share=0.0)
-    ).grasps
-    best = judge_grasps(
-        grasps, X_WO, STILL, REACHABILITY, rule=KeepingRule(n_best=7, score_share=0.0)
-    ).grasps
+    every = judge_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.0).grasps
+    best = judge_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=7, score_share=0.0).grasps
     np.testing.assert_array_equal(best.score, np.sort(every.score)[::-1][:7])
     # Not every one of the others was asked for; every one is counted all the same.
     assert best.rejected["better grasps in reach"] >= len(every) - 7
@@ -111,7 +110,8 @@ def test_those_that_were_kept_stay_unless_others_are_clearly_better(grasps):
         X_WO,
         STILL,
         REACHABILITY,
-        rule=KeepingRule(n_best=1000, score_share=0.0),
+        n_best=1000,
+        score_share=0.0,
     ).grasps
     before = np.unique(every.id[len(every) // 2 :])[:4]  # none of the best
 
@@ -121,7 +121,8 @@ def test_those_that_were_kept_stay_unless_others_are_clearly_better(grasps):
         return judge_grasps(
             *(some, X_WO, STILL, REACHABILITY),
             kept_before=before,
-            rule=KeepingRule(n_best=len(before), score_share=0.0),
+            n_best=len(before),
+            score_share=0.0,
         ).grasps
 
     beside, below = kept(0.9), kept(0.7)
@@ -135,26 +136,22 @@ def test_those_that_were_kept_stay_unless_others_are_clearly_better(grasps):
         STILL,
         REACHABILITY,
         kept_before=np.array([UNKNOWN]),
-        rule=KeepingRule(n_best=5),
+        n_best=5,
     )
-    plain = judge_grasps(unknown, X_WO, STILL, REACHABILITY, rule=KeepingRule(n_best=5))
+    plain = judge_grasps(unknown, X_WO, STILL, REACHABILITY, n_best=5)
     np.testing.assert_array_equal(again.grasps.X_OG, plain.grasps.X_OG)
 
 
 def test_it_is_told_which_grasps_there_are_in_reach_or_not(grasps):
     some = replace(grasps, id=10 + np.arange(len(grasps)))
-    judged = judge_grasps(some, X_WO, STILL, REACHABILITY, rule=KeepingRule(n_best=3)).grasps
+    judged = judge_grasps(some, X_WO, STILL, REACHABILITY, n_best=3).grasps
     np.testing.assert_array_equal(judged.on_object, some.id)
     assert set(judged.id) < set(some.id)
 
 
 def test_grasps_far_below_the_best_are_left_out(grasps):
-    every = judge_grasps(
-        grasps, X_WO, STILL, REACHABILITY, rule=KeepingRule(n_best=1000, score_share=0.0)
-    ).grasps
-    good = judge_grasps(
-        grasps, X_WO, STILL, REACHABILITY, rule=KeepingRule(n_best=1000, score_share=0.5)
-    ).grasps
+    every = judge_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.0).grasps
+    good = judge_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.5).grasps
     best = every.score.max()
     assert 0 < len(good) < len(every)
     np.testing.assert_array_equal(good.score, every.score[every.score >= 0.5 * best])
@@ -168,12 +165,8 @@ def test_no_grasps():
 def test_a_grasp_must_stay_in_reach_all_the_way(grasps):
     """The object turns once about itself within the horizon: it ends where it starts."""
     V_WO = np.array([0.0, 0.0, 2 * np.pi, 0.0, 0.0, 0.0])
-    full = judge_grasps(
-        grasps, X_WO, V_WO, REACHABILITY, rule=KeepingRule(n_best=1000, score_share=0.0)
-    ).grasps
-    still = judge_grasps(
-        grasps, X_WO, STILL, REACHABILITY, rule=KeepingRule(n_best=1000, score_share=0.0)
-    ).grasps
+    full = judge_grasps(grasps, X_WO, V_WO, REACHABILITY, n_best=1000, score_share=0.0).grasps
+    still = judge_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.0).grasps
     assert len(full) < len(still)
     for X in full.X_OG:
         for angle in (0.5 * np.pi, np.pi, 1.5 * np.pi):
@@ -182,7 +175,7 @@ def test_a_grasp_must_stay_in_reach_all_the_way(grasps):
 
 
 def test_every_grasp_and_flip_has_a_verdict(grasps):
-    judged = judge_grasps(grasps, X_WO, STILL, PoseJudge(REACHABILITY), rule=KeepingRule(n_best=10))
+    judged = judge_grasps(grasps, X_WO, STILL, PoseJudge(REACHABILITY), n_best=10)
     both = grasps.with_symmetric()
     exact = [VERDICTS[k] for k in REACHABILITY.verdicts(X_WO @ both.X_OG)]
     assert len(judged.verdicts) == len(both)
@@ -199,7 +192,9 @@ def test_grasps_without_a_way_in_are_left_out_where_others_have_one(grasps):
         return judge_grasps(
             *(some, X_WO, STILL, REACHABILITY),
             horizon=0.0,
-            rule=KeepingRule(n_best=1000, score_share=0.0, way_in=way_in),
+            n_best=1000,
+            score_share=0.0,
+            way_in=way_in,
         )
 
     every = judged(grasps, 0.0).grasps

@@ -15,7 +15,7 @@ from feasigrasp_lab.training.fit_reachability import sample_reachable_poses
 
 @pytest.fixture(scope="module")
 def shipped() -> ReachableSpace:
-    return ReachableSpace.load_default()
+    return ReachableSpace.load_named()
 
 
 def small_space() -> ReachableSpace:

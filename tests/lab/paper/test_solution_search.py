@@ -1,7 +1,5 @@
 """Updates of the solutions: identity is kept, nothing that counts jumps, and sources agree."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 
@@ -10,6 +8,7 @@ from feasigrasp.models.ik.continuation import branch_kernel, flange_pose_kernel,
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp_lab.paper.options import PaperOptions
 from feasigrasp_lab.paper.solutions import (
     COST_RATE,
     IRRELEVANT,
@@ -17,12 +16,7 @@ from feasigrasp_lab.paper.solutions import (
     SolutionSearch,
     matches,
 )
-from feasigrasp_lab.paper.sources import (
-    APART,
-    DRAWS,
-    closed_form_configurations,
-    drawn_configurations,
-)
+from feasigrasp_lab.paper.sources import APART
 
 REACHABILITY = Reachability()
 X_FG = REACHABILITY.gripper.X_FG
@@ -31,12 +25,8 @@ PERIOD = 0.05
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
 
 
-DRAWN = [partial(drawn_configurations, draw) for draw in DRAWS.values()]
-SOURCES = [closed_form_configurations, *DRAWN]
-
-
 def search(**options):
-    return SolutionSearch(REACHABILITY, PERIOD, **options)
+    return SolutionSearch(REACHABILITY, PaperOptions(**options), PERIOD)
 
 
 def reachable(grasps, X_WO=X_WO):
@@ -52,10 +42,10 @@ def configurations(solutions, X_WO):
     return q
 
 
-@pytest.mark.parametrize("find", SOURCES)
-def test_solutions_reach_their_grasps_and_are_admissible(ring_of_grasps, find):
+@pytest.mark.parametrize("source", ["closed_form", "flow"])
+def test_solutions_reach_their_grasps_and_are_admissible(ring_of_grasps, source):
     X_OG = reachable(ring_of_grasps)
-    found = search(find=find).update(Solutions.empty(), 0.0, X_OG, X_WO, HOME)
+    found = search(source=source).update(Solutions.empty(), 0.0, X_OG, X_WO, HOME)
     q = configurations(found, X_WO)
     assert len(found) > 10
     assert (matches(found.X_OG, X_OG) >= 0).all()
@@ -69,13 +59,12 @@ def test_solutions_reach_their_grasps_and_are_admissible(ring_of_grasps, find):
         assert (r > APART - 1e-6).all()
 
 
-@pytest.mark.parametrize("find", DRAWN)
-def test_what_other_sources_reach_the_closed_form_reaches(ring_of_grasps, find):
-    """Every grasp of theirs is one of its; and most of its are theirs, though they only draw."""
+def test_what_the_flow_reaches_the_closed_form_reaches(ring_of_grasps):
+    """Every grasp of the flow is one of its; and most of its are the flow's, which only draws."""
     X_OG = reachable(ring_of_grasps)
     whole, drawn = (
-        search(find=each, n_solutions=200).update(Solutions.empty(), 0.0, X_OG, X_WO, HOME)
-        for each in (closed_form_configurations, find)
+        search(source=each, n_solutions=200).update(Solutions.empty(), 0.0, X_OG, X_WO, HOME)
+        for each in ("closed_form", "flow")
     )
     of_whole, of_drawn = (set(matches(found.X_OG, X_OG)) for found in (whole, drawn))
     assert of_drawn <= of_whole == set(range(len(X_OG)))

@@ -6,24 +6,26 @@ import math
 import pytest
 
 from feasigrasp.outputs import write_json
-from feasigrasp_lab.results.finished import finish, finish_all, read_finished
+from feasigrasp_lab.results.finished import finish_all, read_finished
 
 
 def test_finished_work_is_kept_while_nothing_changed(tmp_path):
     made = []
 
-    def make():
+    def measure(name, item, seed):
         made.append(1)
-        return [{"name": "a", "value": 1.5, "missing": math.nan}]
+        return [{"name": name, "value": 1.5, "missing": math.nan}]
 
-    filename = tmp_path / "parts" / "a.json"
-    first = finish(filename, {"seed": 0}, make)
+    def finish(seed):
+        return finish_all({"a": 0}, tmp_path, {"seed": seed}, measure, jobs=1, desc="items")
+
+    first = finish(0)
     assert first == [{"name": "a", "value": 1.5, "missing": None}]
-    assert finish(filename, {"seed": 0}, make) == first and len(made) == 1
-    finish(filename, {"seed": 1}, make)
+    assert finish(0) == first and len(made) == 1
+    finish(1)
     assert len(made) == 2
-    filename.write_text("{")
-    assert finish(filename, {"seed": 1}, make) == first and len(made) == 3
+    (tmp_path / "a.json").write_text("{")
+    assert finish(1) == first and len(made) == 3
 
 
 def test_every_item_is_measured_once(tmp_path, capsys):
@@ -34,7 +36,7 @@ def test_every_item_is_measured_once(tmp_path, capsys):
     items = {"a": 1, "b": 2}
     options = {"jobs": 1, "desc": "items"}
     first = finish_all(items, tmp_path, {"seed": 3}, measure, **options)
-    assert first == {"a": [{"name": "a", "value": 1}], "b": [{"name": "b", "value": 2}]}
+    assert first == [{"name": "a", "value": 1}, {"name": "b", "value": 2}]
     assert finish_all(items, tmp_path, {"seed": 3}, measure, **options) == first
     assert "2 of 2 are finished already" in capsys.readouterr().out
     finish_all(items | {"b": 4}, tmp_path, {"seed": 3}, measure, **options)

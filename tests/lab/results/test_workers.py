@@ -6,12 +6,7 @@ import sys
 
 import pytest
 
-from feasigrasp_lab.results.workers import Shard, in_processes, in_threads
-
-
-def test_threads_do_every_task():
-    tasks = {str(n): (n, 2) for n in range(7)}
-    assert dict(in_threads(pow, tasks, 3)) == {str(n): n**2 for n in range(7)}
+from feasigrasp_lab.results.workers import Shard, in_processes
 
 
 def test_processes_do_every_task():

@@ -9,11 +9,10 @@ from feasigrasp import cli
 from feasigrasp.resources import model_path
 from feasigrasp.runs import run as run_module
 from feasigrasp_lab.results import finished, rows, workers
-from feasigrasp_lab.runs import isolated
-from feasigrasp_lab.studies import dynamic
+from feasigrasp_lab.runs import isolated, run_plan
 
 #: Where the revision is asked for.
-REVISION = (dynamic, finished, rows, run_module, workers)
+REVISION = (run_plan, finished, rows, run_module, workers)
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ import torch
 
 from feasigrasp import cli
 from feasigrasp.errors import InputError
-from feasigrasp_lab.networks import Heads, TorchGraspNetwork
+from feasigrasp_lab.networks import Heads
 from feasigrasp_lab.paper.grasp_network import NETWORKS
 from feasigrasp_lab.training import train_sampler
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT
@@ -144,17 +144,6 @@ def test_training_learns(data, tmp_path, preset):
     positive = training.examples.labels.contact.double().mean().item()
     entropy = -positive * np.log(positive) - (1 - positive) * np.log(1 - positive)
     assert np.mean([part["contact"] for part in parts[-10:]]) < entropy
-
-
-def test_training_starts_from_other_weights(data, tmp_path, capsys):
-    assert train(data, tmp_path / "a", "--steps", "2") == 0
-    start = ["--start", str(tmp_path / "a" / "grasp_network.npz")]
-    training = made(data, tmp_path / "b", "--steps", "2", *start)
-    loaded = TorchGraspNetwork.load(tmp_path / "a" / "grasp_network.npz").network
-    for a, b in zip(training.network.parameters(), loaded.parameters(), strict=True):
-        assert torch.equal(a, b)
-    assert train(data, tmp_path / "c", "--steps", "2", "--preset", "paper", *start) == 2
-    assert "holds preset default, not paper" in capsys.readouterr().err
 
 
 def test_a_folder_of_another_run_is_refused(data, tmp_path, capsys):

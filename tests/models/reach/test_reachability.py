@@ -12,8 +12,7 @@ from feasigrasp.models.reach.reachability import VERDICTS, Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import model_path
-from feasigrasp_lab.arm import min_distance
-from tests.truths import table_distances
+from tests.truths import min_distance, table_distances
 
 HOME = np.array([0, -0.846, 0, -1.582, 0, 1.446, 0])
 REACHABILITY = Reachability()

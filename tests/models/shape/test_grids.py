@@ -12,7 +12,8 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.shape.grids import obstacle_grid
 from feasigrasp.models.shape.scene_field import fit_scene
-from feasigrasp_lab.arm import IIWA_CAPSULES, capsule_ends_kernel
+from feasigrasp_lab.arm import IIWA_CAPSULES
+from tests.truths import capsule_ends_kernel
 
 HOME = np.array([0, -0.846, 0, -1.582, 0, 1.446, 0])
 CENTRE, HALF = np.array([0.45, 0.0, 0.25]), np.array([0.06, 0.15, 0.12])

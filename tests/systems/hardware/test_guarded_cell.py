@@ -14,8 +14,7 @@ from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.hardware.guarded_cell import make_guarded_cell
-from feasigrasp_lab.arm import min_distance
-from tests.truths import table_distances
+from tests.truths import min_distance, table_distances
 
 T = 0.005
 START = np.array([0.1, -0.5, 0.2, -1.2, 0.0, 1.0, 0.3])

@@ -8,8 +8,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp_lab.training.data.grasp_labels import (
     N_TURNS,
     SLACK,
-    best_labels,
-    find_pairs,
+    find_labels,
 )
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 
@@ -19,7 +18,7 @@ TWIN = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 def labels_of(mesh, points, normals, seed=0):
     rng = np.random.default_rng(seed)
-    return best_labels(find_pairs(TrueGrasps(mesh), points, normals, GRIPPER, rng), len(points))
+    return find_labels(TrueGrasps(mesh), points, normals, GRIPPER, rng)
 
 
 def surface(mesh, count, seed=0):
@@ -97,26 +96,17 @@ def test_every_label_is_a_valid_grasp():
     mug = trimesh.creation.annulus(r_min=0.046, r_max=0.050, height=0.09)
     truth = TrueGrasps(mug)
     points, normals = surface(mug, 300)
-    pairs = find_pairs(truth, points, normals, GRIPPER, np.random.default_rng(0))
-    assert len(pairs.point) > 50
-    poses = np.tile(np.eye(4), (len(pairs.point), 1, 1))
-    poses[:, :3, 0] = pairs.closing
-    for row, free in enumerate(pairs.free):
-        approaches = turned(pairs.closing[row], pairs.across[row])
-        poses[row, :3, 2] = approaches[np.argmax(free)]
+    labels = find_labels(truth, points, normals, GRIPPER, np.random.default_rng(0))
+    found = np.flatnonzero(labels.contact)
+    assert len(found) > 50
+    poses = np.tile(np.eye(4), (len(found), 1, 1))
+    poses[:, :3, 0] = labels.closing[found]
+    for pose, row in zip(poses, found, strict=True):
+        approaches = turned(labels.closing[row], labels.across[row])
+        pose[:3, 2] = approaches[np.argmax(labels.free[row])]
     poses[:, :3, 1] = np.cross(poses[:, :3, 2], poses[:, :3, 0])
-    poses[:, :3, 3] = pairs.contact + 0.5 * pairs.width[:, None] * pairs.closing
+    middle = 0.5 * labels.width[found, None] * labels.closing[found]
+    poses[:, :3, 3] = truth.closest(points[found])[0] + middle
     assert (truth.valid(poses, GRIPPER) | truth.valid(poses @ TWIN, GRIPPER)).all()
     # Its wall of 4 mm can be pinched, and nothing else.
-    np.testing.assert_allclose(pairs.width, 0.004, atol=5e-4)
-
-
-def test_best_labels_describe_their_pairs(box):
-    mesh, points, normals = box
-    pairs = find_pairs(TrueGrasps(mesh), points, normals, GRIPPER, np.random.default_rng(0))
-    labels = best_labels(pairs, len(points))
-    assert set(np.flatnonzero(labels.contact)) == set(pairs.point)
-    row = int(np.flatnonzero(labels.contact)[0])
-    best = int(np.flatnonzero(pairs.point == row)[0])
-    for name in ("closing", "width", "across", "free"):
-        np.testing.assert_array_equal(getattr(labels, name)[row], getattr(pairs, name)[best])
+    np.testing.assert_allclose(labels.width[found], 0.004, atol=5e-4)

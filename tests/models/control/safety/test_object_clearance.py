@@ -24,8 +24,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
 from feasigrasp.models.shape.grids import object_grid
-from feasigrasp_lab.arm import min_distance
-from tests.truths import table_distances
+from tests.truths import min_distance, table_distances
 
 RADIUS = 0.04
 GRIPPER = ParallelGripper()

@@ -12,8 +12,7 @@ from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
-from feasigrasp_lab.arm import min_distance, signed_distances
-from tests.truths import table_distances
+from tests.truths import min_distance, signed_distances, table_distances
 
 OPTIONS = SafetyOptions()
 SAFETY = SafetyFilter(OPTIONS)
