@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from PIL import Image
 
 from feasigrasp_lab.runs.summary import HANDLING
-from tools.figures import PAGES, TABLES, counted_to, filled, made, outdated
+from tools.figures import PAGES, PICTURE, TABLES, counted_to, filled, made, outdated, sources
 from tools.runtime import changed_since
 from tools.stored import ROOT, STORE, FigureError, commit_of, names, read, store
 
@@ -25,6 +26,10 @@ SPEC = {
 def test_the_tables_of_a_page_are_those_of_the_stored_rows(page):
     text = page.read_text()
     assert filled(text, *counted_to(text)) == text, "run python tools/figures.py"
+
+
+def test_the_curves_are_those_of_the_stored_rows():
+    assert Image.open(PICTURE).info["Source"] == sources(), "run python tools/figures.py"
 
 
 def test_a_changed_figure_and_a_changed_age_are_found():

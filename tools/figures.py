@@ -1,8 +1,8 @@
 """Measured figures of README and docs, from the rows in ``feasigrasp_lab/results``.
 
-``python tools/figures.py`` fills the tables of the pages; ``python tools/figures.py store NAME
-FILE`` stores the ``summary.json`` of a command first, and ``store DIR`` those of ``evaluate all``.
-``check`` names the figures of pages that this code might not give again.
+``python tools/figures.py`` fills the tables of the pages, and draws the curves of success over
+speed. ``store NAME FILE`` stores the ``summary.json`` of a command first, and ``store DIR`` those
+of ``evaluate all``. ``check`` names the figures of pages that this code might not give again.
 A page has a table between the comments
 ``<!-- table: NAME -->`` and ``<!-- end -->``; ``tools/tables.yaml`` says what is in it:
 
@@ -30,12 +30,21 @@ from typing import Any
 import yaml
 
 from feasigrasp.runs.metrics.table import FIGURES, UNITLESS
+from feasigrasp_lab.report.tables import draw_curves
 from tools.runtime import changed_since
 from tools.same_runs import stands_for
 from tools.stored import ROOT, STORE, FigureError, Stored, commit_of, read, store
 
 PAGES = (ROOT / "README.md", ROOT / "docs" / "results.md", ROOT / "docs" / "safety.md")
 TABLES = Path(__file__).with_name("tables.yaml")
+#: The picture of success over speed, and the stored rows that it shows, with their curves.
+PICTURE = ROOT / "docs" / "images" / "speed_curve.png"
+_CURVES = {
+    "dynamic_speed_circle": "circle",
+    "dynamic_speed_camera": "circle-camera",
+    "dynamic_bezier_camera": "bezier-camera",
+    "dynamic_spin": "spin",
+}
 NOT_MEASURED = "–"
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _AGES = re.compile(r"Ages are in commits before number (\d+), of ([\d-]+)\.")
@@ -96,6 +105,21 @@ def _without_missing(rows: list[list[str]]) -> tuple[list[list[str]], list[str]]
     missing = [column for column in columns if {*column[1:]} <= {NOT_MEASURED}]
     kept = [list(row) for row in zip(*(c for c in columns if c not in missing), strict=True)]
     return kept, [column[0].partition(" [")[0] for column in missing]
+
+
+def sources() -> str:
+    """What `PICTURE` is drawn from: files and revisions."""
+    return ", ".join(f"{name} {read(name).git}" for name in _CURVES)
+
+
+def draw() -> None:
+    """Draws `PICTURE` from the stored rows."""
+    found = {
+        (preset, name.removeprefix("dynamic.")): row
+        for stored in _CURVES
+        for (name, preset), row in read(stored).rows.items()
+    }
+    draw_curves(found, list(_CURVES.values()), PICTURE, sources())
 
 
 def counted_to(text: str) -> tuple[int, str]:
@@ -307,6 +331,7 @@ def main() -> int:
                 print(store(name, file))
         for page in PAGES:
             page.write_text(filled(page.read_text(), *commit_of("HEAD")))
+        draw()
     except FigureError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

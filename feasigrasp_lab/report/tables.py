@@ -37,8 +37,8 @@ def curve_points(found: Rows, curve: str) -> list[tuple[float, str]]:
     return sorted((float(speed), f"{curve}/{speed}") for _, _, speed in points)
 
 
-def draw_curves(found: Rows, curves: Sequence[str], filename: Path) -> None:
-    """Draws the share of runs that held over the speed; the bands are 95 % intervals."""
+def draw_curves(found: Rows, curves: Sequence[str], filename: Path, source: str = "") -> None:
+    """Draws the share held over the speed, with 95 % intervals; ``source`` goes into the file."""
     panels = {label: [c for c in of if c in curves] for label, of in _AXES.items()}
     panels = {label: of for label, of in panels.items() if of}
     figure = Figure(figsize=(5.5 * len(panels), 3.8), layout="constrained")
@@ -53,7 +53,7 @@ def draw_curves(found: Rows, curves: Sequence[str], filename: Path) -> None:
         axis.spines[["top", "right"]].set_visible(False)
         axis.legend(frameon=False, loc="lower left")
     axes[0].set_ylabel("held [%]")
-    save_figure(figure, filename, dpi=110)
+    save_figure(figure, filename, dpi=110, metadata={"Source": source})
 
 
 def _draw_curve(axis: Axes, found: Rows, curve: str) -> None:
