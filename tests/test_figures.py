@@ -40,7 +40,6 @@ def test_a_changed_figure_and_a_changed_age_are_found():
     assert filled(changed, commit, date) == text != filled(text, 9999, date)
 
 
-@pytest.mark.xfail(reason="rows of b569346: prediction and the definition of held have changed")
 def test_the_figures_of_readme_are_of_this_code():
     try:
         changed = outdated(PAGES[0].read_text())

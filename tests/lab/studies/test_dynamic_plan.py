@@ -90,14 +90,14 @@ CHANGED = {
 
 def test_every_ablation_changes_what_it_names_and_nothing_else():
     assert list(CHANGED) == list(ABLATIONS)
-    mug = ("--objects", "mug", "--scenarios", "ReachLinearMocap")
+    mug = ("--objects", "mug", "--scenarios", "ReachCircular", "--seeds", "1")
     runs = planned("--study", "ablation", *mug)
     by_name = {(run.name, run.scenario.control.controller): run.scenario for run in runs}
     for controller in ("task", "joint"):
-        (headline,) = planned(*mug, "--seeds", "1", "--controllers", controller)
+        (headline,) = planned(*mug, "--controllers", controller)
         full = vars_of(headline.scenario)
         for suffix, keys in CHANGED.items():
-            scenario = by_name.pop((f"ReachLinearMocap{suffix}", controller))
+            scenario = by_name.pop((f"ReachCircular{suffix}", controller))
             assert {k for k, value in vars_of(scenario).items() if value != full[k]} == keys
     assert not by_name
     assert len({run.id for run in runs}) == len(runs)
