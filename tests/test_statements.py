@@ -401,12 +401,8 @@ STATEMENTS = {
         ),
         ("`pushed_mm` > {:g} |", (value("cause.PUSHED_AWAY"),)),
         (
-            "{:g} cm or {:.0f}° off in the last {:g} s",
-            (
-                100 * value("handling.HELD_DISTANCE"),
-                degrees("handling.HELD_ANGLE"),
-                value("handling.HELD_FOR"),
-            ),
+            "moved in it by {:g} cm or {:.0f}°",
+            (100 * value("handling.HELD_DISTANCE"), degrees("handling.HELD_ANGLE")),
         ),
         ("has not seen the object for {:g} s", (value("search_pose.SEARCH_AFTER"),)),
         ("control tick, {:g} ms", (1e3 * SCENARIO.control.period,)),
