@@ -177,7 +177,7 @@ class PoseJudge(Frozen):
 
 
 def _filter(method: JudgeMethod, scenario: Scenario, reachability: Reachability) -> JudgedFilter:
-    """The filter of a scenario; modes that enforce nothing skip the way in."""
+    """The filter of a scenario; modes that enforce nothing skip the approach corridor."""
     config = scenario.reachability
     for name in config.options:
         parse_word(("space", "horizon"), name, "a key of reachability.options", ScenarioError)

@@ -33,7 +33,7 @@ _CHAIN, _MARGIN = IIWA_7.chain, IIWA_7.position_margin
 #: A solution counts nothing if going there is longer than the best by this number of length scales.
 #: Source: numerical.
 IRRELEVANT = 12.0
-#: Grasps whose solutions are looked for at one update, once some are known, and solutions of one
+#: Grasps whose solutions are looked for at one update, once some are found, and solutions of one
 #: grasp, at most. Source: numerical, guessed.
 GRASPS_AT_ONCE, PER_GRASP = 12, 4
 #: Grasps count as the same if no entry of their poses differs by more. Source: numerical.
@@ -219,10 +219,10 @@ class SolutionSearch:
     ) -> _Items:
         """Solutions of some of the grasps that are apart from those there are."""
         X_WF = self.flange_poses(X_OG[looked_at], X_WO)
-        known = [old.q[old.grasp == g] for g in looked_at]
+        previous = [old.q[old.grasp == g] for g in looked_at]
         closed_form = self.options.source == Source.CLOSED_FORM
         find = closed_form_configurations if closed_form else flow_configurations
-        found = find(X_WF, q, known, PER_GRASP, self.reachability.search)
+        found = find(X_WF, q, previous, PER_GRASP, self.reachability.search)
         grasp = np.repeat(looked_at, [len(one) for one in found])
         configurations = np.concatenate([*found, np.empty((0, IIWA_7.joints))])
         psi = np.array([arm_angle_kernel(_CHAIN, one) for one in configurations])

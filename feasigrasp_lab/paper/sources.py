@@ -4,7 +4,7 @@ The flow's random numbers are the same at every call, as in the paper: what is d
 poses.
 
 Solutions are inside the limits, clear of collisions, and apart from one another and from those that
-are known.
+were kept.
 """
 
 import numpy as np
@@ -56,7 +56,7 @@ def distance_kernel(a, b):
 
 
 @compiled
-def _select_kernel(candidates, q_now, known, search, found):
+def _select_kernel(candidates, q_now, previous, search, found):
     """Writes candidates (n, 7) inside the limits, nearest first, clear and apart; returns how many.
 
     One that is not finite is not inside.
@@ -72,8 +72,8 @@ def _select_kernel(candidates, q_now, known, search, found):
             break
         distances[i] = np.inf
         apart = True
-        for k in range(len(known)):
-            apart = apart and distance_kernel(candidates[i], known[k]) > APART
+        for k in range(len(previous)):
+            apart = apart and distance_kernel(candidates[i], previous[k]) > APART
         for k in range(count):
             apart = apart and distance_kernel(candidates[i], found[k]) > APART
         if apart and is_clear_kernel(
@@ -101,39 +101,39 @@ def _closed_form_kernel(chain, X_WF, q_now, psis, q):
 
 
 def closed_form_configurations(
-    X_WF: Array, q_now: Array, known: list[Array], per_pose: int, search: Search
+    X_WF: Array, q_now: Array, previous: list[Array], per_pose: int, search: Search
 ) -> list[Array]:
     """New configurations of flange poses, by closed-form inverse kinematics.
 
     Args:
         X_WF: Flange poses, shape (m, 4, 4).
         q_now: Joint positions [rad], shape (7,); near ones come first.
-        known: Configurations of each pose that are known, shape (k, 7) each.
-        per_pose: How many there may be of each pose, the known ones counted.
+        previous: Configurations of each pose from the last update, shape (k, 7) each.
+        per_pose: How many there may be of each pose, those of the last update counted.
         search: Limits and clearances.
 
     Returns:
         For each pose, shape (j, 7), nearest first.
     """
     q, found = np.empty((8 * (len(search.psis) + 1), IIWA_7.joints)), []
-    for X, taken in zip(X_WF, known, strict=True):
+    for X, taken in zip(X_WF, previous, strict=True):
         reached = _closed_form_kernel(search.chain, X, q_now, search.psis, q)
         found.append(_selected(q, q_now, taken, per_pose if reached else 0, search))
     return found
 
 
 def flow_configurations(
-    X_WF: Array, q_now: Array, known: list[Array], per_pose: int, search: Search
+    X_WF: Array, q_now: Array, previous: list[Array], per_pose: int, search: Search
 ) -> list[Array]:
     """As `closed_form_configurations`, of draws from the flow."""
     if len(X_WF) == 0:
         return []
     # Draws for each pose where new solutions are looked for.
-    pairs = zip(from_flow(X_WF, 8), known, strict=True)
+    pairs = zip(from_flow(X_WF, 8), previous, strict=True)
     return [_selected(q, q_now, taken, per_pose, search) for q, taken in pairs]
 
 
-def _selected(q: Array, q_now: Array, known: Array, per_pose: int, search: Search) -> Array:
+def _selected(q: Array, q_now: Array, previous: Array, per_pose: int, search: Search) -> Array:
     """Of configurations (n, 7) those that are any good, nearest first."""
-    found = np.empty((max(per_pose - len(known), 0), IIWA_7.joints))
-    return found[: _select_kernel(q, q_now, known, search, found)]
+    found = np.empty((max(per_pose - len(previous), 0), IIWA_7.joints))
+    return found[: _select_kernel(q, q_now, previous, search, found)]

@@ -3,7 +3,7 @@
 From the shards of ``feasigrasp train sampler-data`` it makes valid hand poses, grasps of the same
 labels put exactly on the true mesh, and signed distances, in shards that are kept. On them it
 trains `feasigrasp_lab.baselines.diffusion_energy` by denoising score matching on SE(3). Families of
-shapes that are held out judge; start the same command again to resume.
+shapes that are held out validate; start the same command again to resume.
 """
 
 import argparse

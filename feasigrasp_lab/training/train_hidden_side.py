@@ -3,7 +3,7 @@
 First it makes pictures of household shapes, in shards that are kept: a shape is looked at from one
 to three random directions by the noisy depth camera, the distance field is fitted, and rays cast
 from behind towards a camera give the end of the object behind every pixel of its picture. Then it
-trains `HiddenSideNetwork` on them. Whole families are held out and judge;
+trains `HiddenSideNetwork` on them. Whole families are held out and validate;
 start the same command again to resume.
 """
 
