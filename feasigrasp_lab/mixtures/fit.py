@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import Annotated
 
 import numpy as np
@@ -12,87 +13,44 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Indices
-from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.quantities import POSES, Count, Number, Positive
-from feasigrasp_lab.mixtures.em import Samples, Stop, expectation_maximization
+from feasigrasp_lab.mixtures.em import Stop, expectation_maximization
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture, bic
 
 #: The distance that weighs as much as one radian in seeding [m/rad]. Source: guessed.
 LENGTH_SCALE = 0.1
 
 
-@compiled
-def seed_means(
-    quaternions: Array, positions: Array, weights: Array, length_scale: float, draws: Array
-) -> tuple[Indices, float]:
-    """Greedy k-means++ in the metric angle^2 + (distance / length_scale)^2.
+def seed_means(X: Array, draws: Array) -> tuple[Indices, float]:
+    """Greedy k-means++ (Arthur, Vassilvitskii 2007) in the metric angle^2 + (distance / scale)^2.
 
     Args:
-        quaternions: Unit quaternions, shape (4, n).
-        positions: Positions, shape (3, n) [m].
-        weights: Weight of each pose, shape (n,).
-        length_scale: Metres that weigh as much as a radian.
+        X: Poses, shape (n, 4, 4) [m].
         draws: Uniform variates in [0, 1), shape (K, candidates): the randomness.
 
     Returns:
         Indices of at most K distinct seeds, and the root mean square distance to the nearest
         seed per tangent dimension [rad].
     """
-    n, k = len(weights), len(draws)
-    seeds = np.empty(k, dtype=np.int64)
-    nearest = np.full(n, np.inf)
-    candidate, best = np.empty(n), np.empty(n)
-    count, potential = 0, np.inf
-    for i in range(k):
-        # Squared distance [rad^2] under which a pose counts as a duplicate of a seed.
-        if i > 0 and potential <= 1e-12 * n:
+    # Squared distance [rad^2] under which a pose counts as a duplicate of a seed.
+    duplicate = 1e-12
+    n, quaternions, positions = len(X), se3.quaternions(X), X[:, :3, 3] / LENGTH_SCALE
+    seeds, nearest, chance = [], np.full(n, np.inf), np.ones(n)
+    for row in draws:
+        if seeds and nearest.mean() <= duplicate:
             break
-        lowest = np.inf
-        for j in range(draws.shape[1]):
-            index = _draw(weights, nearest, draws[i, j], i == 0)
-            _squared_distances(quaternions, positions, index, length_scale, candidate)
-            total = 0.0
-            for m in range(n):
-                candidate[m] = min(candidate[m], nearest[m])
-                total += weights[m] * candidate[m]
-            if total < lowest:
-                lowest, seeds[i] = total, index
-                candidate, best = best, candidate
-        nearest, best = best, nearest
-        potential, count = lowest, i + 1
-    return seeds[:count], math.sqrt(potential / 6.0 / len(weights))
-
-
-@compiled
-def _draw(weights: Array, nearest: Array, uniform: float, first: bool) -> int:
-    """Index drawn with probability weight (times squared distance after the first seed)."""
-    total = 0.0
-    for i in range(len(weights)):
-        total += weights[i] * (1.0 if first else nearest[i])
-    target, chosen, reached = uniform * total, 0, 0.0
-    for i in range(len(weights)):
-        mass = weights[i] * (1.0 if first else nearest[i])
-        if mass > 0.0:
-            chosen = i
-            reached += mass
-            if reached > target:
-                break
-    return chosen
-
-
-@compiled
-def _squared_distances(q: Array, p: Array, index: int, length_scale: float, out: Array) -> None:
-    scale = 1.0 / length_scale**2
-    for i in range(len(out)):
-        cosine = 0.0
-        for j in range(4):
-            cosine += q[j, i] * q[j, index]
-        angle = 2.0 * math.acos(min(1.0, abs(cosine)))
-        square = 0.0
-        for j in range(3):
-            square += (p[j, i] - p[j, index]) ** 2
-        out[i] = angle * angle + scale * square
+        cumulative = np.cumsum(chance)
+        found = []
+        for i in np.searchsorted(cumulative, row * cumulative[-1], side="right"):
+            angle = 2.0 * np.arccos(np.minimum(1.0, np.abs(quaternions @ quaternions[i])))
+            square = angle**2 + ((positions - positions[i]) ** 2).sum(axis=1)
+            square = np.minimum(square, nearest)
+            found.append((float(square.sum()), int(i), square))
+        _, seed, nearest = min(found, key=itemgetter(0))
+        seeds.append(seed)
+        chance = nearest
+    return np.array(seeds), math.sqrt(nearest.mean() / 6.0)
 
 
 @checked(GraspError)
@@ -189,9 +147,8 @@ class _Fit:
         criterion = bic(len(self.weights), len(problem.X), self.log_likelihood)
         if max_rotation >= math.pi:
             return False, criterion
-        means = se3.quaternions(self.means)
-        cosine = _smallest_cosine(problem.samples.quaternions, means)
-        return cosine < math.cos(0.5 * max_rotation), criterion
+        cosine = np.abs(se3.quaternions(problem.X) @ se3.quaternions(self.means).T)
+        return bool(cosine.max(axis=1).min() < math.cos(0.5 * max_rotation)), criterion
 
 
 @dataclass(eq=False)
@@ -202,18 +159,12 @@ class _Problem:
     stop: Stop
     rotation_floor: float = 0.05
     translation_floor: float = 0.005
-    samples: Samples = field(init=False)
     scale: Array = field(init=False)
     floor: Array = field(init=False)
 
     def __post_init__(self) -> None:
         if len(self.X) == 0:
             raise GraspError("a mixture's X is empty; give poses (n, 4, 4), n >= 1")
-        self.samples = Samples(
-            np.ascontiguousarray(se3.quaternions(self.X).T),
-            np.ascontiguousarray(self.X[:, :3, 3].T),
-            np.ones(len(self.X)),
-        )
         self.scale = np.array([1.0] * 3 + [LENGTH_SCALE] * 3)
         floors = [self.rotation_floor] * 3 + [self.translation_floor] * 3
         self.floor = np.array(floors) ** 2
@@ -221,7 +172,7 @@ class _Problem:
     def seeded(self, n_components: int, rng: np.random.Generator) -> _Fit:
         """EM from k-means++ seeds."""
         draws = rng.random((min(n_components, len(self.X)), 4))
-        seeds, spread = seed_means(*self.samples, LENGTH_SCALE, draws)
+        seeds, spread = seed_means(self.X, draws)
         k = len(seeds)
         covariance = np.diag(spread**2 * self.scale**2 + self.floor)
         return self._em(np.full(k, 1.0 / k), self.X[seeds], np.tile(covariance, (k, 1, 1)))
@@ -250,28 +201,7 @@ class _Problem:
         return fits
 
     def _em(self, weights: Array, means: Array, covariances: Array) -> _Fit:
-        found = expectation_maximization(
-            self.samples,
-            np.maximum(weights, 1e-300),
-            np.ascontiguousarray(means),
-            np.ascontiguousarray(covariances),
-            self.scale,
-            self.floor,
-            self.stop,
+        *found, history = expectation_maximization(
+            self.X, weights, means, covariances, self.floor, self.stop
         )
-        return _Fit(found[0], found[1], found[2], float(found[3][-1]))
-
-
-@compiled
-def _smallest_cosine(quaternions: Array, means: Array) -> float:
-    """Cosine of half the largest angle of a pose (4, n) to the nearest of the means (K, 4)."""
-    smallest = 1.0
-    for i in range(quaternions.shape[1]):
-        nearest = 0.0
-        for k in range(len(means)):
-            cosine = 0.0
-            for j in range(4):
-                cosine += quaternions[j, i] * means[k, j]
-            nearest = max(nearest, abs(cosine))
-        smallest = min(smallest, nearest)
-    return smallest
+        return _Fit(*found, history[-1])

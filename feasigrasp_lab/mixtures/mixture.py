@@ -37,6 +37,22 @@ class Parameters(NamedTuple):
     log_normalisers: Array
 
 
+def parameters_of(weights: Array, means: Array, covariances: Array) -> Parameters:
+    """The parameters of a mixture, see `RiemannianMixture`.
+
+    Raises:
+        LinAlgError: A covariance is not positive definite.
+    """
+    factors = np.linalg.cholesky(covariances)
+    with np.errstate(divide="ignore"):
+        log_weights = np.log(weights)
+    diagonal = np.diagonal(factors, axis1=1, axis2=2)
+    log_normalisers = -3.0 * math.log(2.0 * math.pi) - np.log(diagonal).sum(axis=1)
+    whitening = np.tril(np.linalg.inv(factors))
+    means = np.ascontiguousarray(means)
+    return Parameters(log_weights, means, se3.quaternions(means), whitening, log_normalisers)
+
+
 @compiled
 def relative_log_kernel(
     mean: Array,
@@ -99,13 +115,21 @@ def posterior_kernel(log_weights: Array, log_densities: Array, responsibilities:
 
 
 @compiled
-def evaluate_poses(
-    X: Array, parameters: Parameters, tangents: Array, log: Array, r: Array, total: Array
-) -> None:
-    """Fills tangents, log densities, responsibilities and mixture log densities of n poses."""
+def _component_log_densities(X: Array, parameters: Parameters, out: Array) -> None:
+    """Writes the log densities (n, K), without weights, of all components at n poses."""
+    tangents = np.empty((len(parameters.means), 6))
     for i in range(len(X)):
-        evaluate_kernel(X[i], parameters, tangents[i], log[i])
-        total[i] = posterior_kernel(parameters.log_weights, log[i], r[i])
+        evaluate_kernel(X[i], parameters, tangents, out[i])
+
+
+@compiled
+def _log_densities(X: Array, parameters: Parameters, out: Array) -> None:
+    """Writes the log densities (n,) of the mixture at n poses."""
+    K = len(parameters.means)
+    tangents, log, r = np.empty((K, 6)), np.empty(K), np.empty(K)
+    for i in range(len(X)):
+        evaluate_kernel(X[i], parameters, tangents, log)
+        out[i] = posterior_kernel(parameters.log_weights, log, r)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,19 +172,11 @@ class RiemannianMixture(Frozen):
             )
         weights /= weights.sum()
         try:
-            factors = np.linalg.cholesky(covariances)
+            parameters = parameters_of(weights, means, covariances)
         except np.linalg.LinAlgError as error:
             raise GraspError(
                 "RiemannianMixture: a covariance is not positive definite; raise the floors."
             ) from error
-        with np.errstate(divide="ignore"):
-            log_weights = np.log(weights)
-        diagonal = np.diagonal(factors, axis1=1, axis2=2)
-        log_normalisers = -3.0 * math.log(2.0 * math.pi) - np.log(diagonal).sum(axis=1)
-        whitening = np.tril(np.linalg.inv(factors))
-        parameters = Parameters(
-            log_weights, means, se3.quaternions(means), whitening, log_normalisers
-        )
         for array in parameters:
             array.flags.writeable = False
         self._freeze(weights=weights, means=means, covariances=covariances)
@@ -173,22 +189,21 @@ class RiemannianMixture(Frozen):
     @checked(GraspError)
     def component_log_densities(self, X: Annotated[ArrayLike, ANY_POSES]) -> Array:
         """Log of N(x; mu_i, Sigma_i), without the weights, shape (..., K)."""
-        return self._evaluate(X)[0]
+        X = np.asarray(X)
+        out = np.empty((*X.shape[:-2], len(self)))
+        _component_log_densities(X.reshape(-1, 4, 4), self.parameters, out.reshape(-1, len(self)))
+        return out
 
     @checked(GraspError)
     def log_density(self, X: Annotated[ArrayLike, ANY_POSES]) -> Array:
-        """Log density of the mixture, shape (...); finite far from every component."""
-        return self._evaluate(X)[1]
+        """Log density of the mixture, shape (...).
 
-    def _evaluate(self, X: ArrayLike) -> tuple[Array, Array]:
+        It is finite far from every component, and NaN for a pose that is not finite.
+        """
         X = np.asarray(X)
-        lead, X = X.shape[:-2], X.reshape(-1, 4, 4)
-        n, k = len(X), len(self)
-        log_densities, total = np.empty((n, k)), np.empty(n)
-        evaluate_poses(
-            X, self.parameters, np.empty((n, k, 6)), log_densities, np.empty((n, k)), total
-        )
-        return log_densities.reshape(*lead, k), total.reshape(lead)
+        out = np.empty(X.shape[:-2])
+        _log_densities(X.reshape(-1, 4, 4), self.parameters, out.reshape(-1))
+        return out
 
 
 def bic(components: int, poses: int, log_likelihood: float) -> float:

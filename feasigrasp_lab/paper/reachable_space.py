@@ -27,7 +27,6 @@ from feasigrasp.models.quantities import UNKNOWN_POSES
 from feasigrasp.outputs import replacing
 from feasigrasp_lab import WEIGHTS
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture
-from feasigrasp_lab.paper.float32_kernels import Float32Array, log_densities, pack
 
 #: The file of flange poses of the iiwa 7 with its hand.
 DEFAULT_FILE = WEIGHTS / "reachable_space.npz"
@@ -60,16 +59,14 @@ class ReachableSpace(Frozen):
     mixture: RiemannianMixture
     threshold: float
     metadata: Mapping[str, Any] = field(default_factory=dict)
-    _packed: Float32Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Checks the threshold and packs the mixture for the batch kernel."""
+        """Checks the fields."""
         check_fields(self, ReachabilityError)
-        object.__setattr__(self, "_packed", pack(self.mixture))
 
     @checked(ReachabilityError)
     def log_density(self, X_WF: Annotated[ArrayLike, UNKNOWN_POSES]) -> Array:
-        """Log density of poses, shape (n,), in single precision: to about 1e-5 near the threshold.
+        """Log density of poses, shape (n,).
 
         Args:
             X_WF: Poses of the fitted frame in the base frame, shape (n, 4, 4) [m].
@@ -77,7 +74,7 @@ class ReachableSpace(Frozen):
         Raises:
             ReachabilityError: ``X_WF`` does not have shape (n, 4, 4), or holds no rotation.
         """
-        return log_densities(X_WF, self._packed)
+        return self.mixture.log_density(X_WF)
 
     @checked(ReachabilityError)
     def contains(self, X_WF: Annotated[ArrayLike, UNKNOWN_POSES]) -> Mask:

@@ -11,20 +11,15 @@ without singular crowds.
 """
 
 import argparse
-from collections.abc import Sequence
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from joblib.externals.loky import get_reusable_executor
-from numpy.typing import NDArray
 
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.inputs import read_json
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability
 from feasigrasp.outputs import write_json
@@ -33,37 +28,12 @@ from feasigrasp.runs.results.provenance import git_revision
 from feasigrasp_lab.arm import in_collision
 from feasigrasp_lab.mixtures.fit import fit_riemannian_mixture
 from feasigrasp_lab.mixtures.mixture import bic
-from feasigrasp_lab.paper.float32_kernels import log_densities, pack
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
 from feasigrasp_lab.results.arguments import add_run_arguments, command_line, names
-from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
 from feasigrasp_lab.results.rows import Row, write_csv, write_summary
 
 #: Height in the base frame below which poses of the fitted frame are dropped [m]. Source: guessed.
 FLOOR = 0.1
-#: Configurations of a part on disk; each part has its own stream of random numbers. Source:
-#: numerical.
-PART = 250_000
-
-
-class ReachedPoses(NamedTuple):
-    """Poses that were reached, and what became of the draws that brought none.
-
-    Attributes:
-        quaternions: Unit quaternions wxyz, shape (m, 4), single precision.
-        positions: Shape (m, 3) [m], single precision.
-        drawn: Number of configurations drawn.
-        colliding: How many of them were in self-collision.
-        low: How many of the others put the fitted frame below the floor.
-        thinned: How many of the rest were thinned out.
-    """
-
-    quaternions: NDArray[np.float32]
-    positions: NDArray[np.float32]
-    drawn: int
-    colliding: int
-    low: int
-    thinned: int
 
 
 def manipulability_reference() -> float:
@@ -75,78 +45,35 @@ def manipulability_reference() -> float:
 
 def sample_reachable_poses(
     n: int, rng: np.random.Generator, *, thin: float | None = None
-) -> ReachedPoses:
+) -> tuple[Array, dict[str, int]]:
     """Draws configurations and keeps the flange poses of those that are admissible.
 
     Args:
-        n: Number of configurations to draw; a few hundred thousand at a time.
+        n: Number of configurations to draw.
         rng: Source of randomness.
         thin: Keep a draw of manipulability m with probability m / thin, see
             `manipulability_reference`; keep all by default.
+
+    Returns:
+        Poses, shape (m, 4, 4) [m], and counts: configurations drawn, of these in self-collision
+        (``colliding``), of the rest with the flange below the floor (``low``), of the rest
+        ``thinned`` out, and ``reached``, those that are left.
     """
     q = IIWA_7.random_positions(rng, n)
     q = q[~in_collision(q)]
     X_WF = forward_kinematics(q)
     high = X_WF[:, 2, 3] >= FLOOR
-    n_free, n_high = len(q), int(high.sum())
+    counts = {"drawn": n, "colliding": n - len(q), "low": len(q) - int(high.sum())}
+    q, X_WF = q[high], X_WF[high]
     if thin is not None:
-        high[high] = rng.random(n_high) * thin < manipulability(q[high])
-    X_WF = X_WF[high]
-    return ReachedPoses(
-        se3.quaternions(X_WF).astype(np.float32),
-        X_WF[:, :3, 3].astype(np.float32),
-        drawn=n,
-        colliding=n - n_free,
-        low=n_free - n_high,
-        thinned=n_high - len(X_WF),
-    )
-
-
-def join(parts: Sequence[ReachedPoses]) -> ReachedPoses:
-    """All the poses and counts of several samples."""
-    quaternions, positions, *counts = zip(*parts, strict=True)
-    return ReachedPoses(
-        np.concatenate(quaternions), np.concatenate(positions), *(sum(count) for count in counts)
-    )
-
-
-def draw_all(n: int, seed: int, folder: Path, jobs: int, *, thin: float | None) -> ReachedPoses:
-    """Draws what a folder does not have yet; the result does not depend on what it has.
-
-    Args:
-        n: Number of configurations.
-        seed: Seed of all of them.
-        folder: Where the parts are kept.
-        jobs: Processes at a time.
-        thin: See `sample_reachable_poses`.
-    """
-    sizes = [min(PART, n - start) for start in range(0, n, PART)]
-    files = [folder / f"part-{i:04d}.npz" for i in range(len(sizes))]
-    draw = partial(_draw_part, sizes=sizes, seed=seed, thin=thin)
-    make_shards(files, draw, jobs=jobs, desc="sampling")
-    if jobs > 1:
-        get_reusable_executor().shutdown(wait=True)  # what comes next needs the memory
-    return join([_load(file) for file in files])
-
-
-def _draw_part(file: Path, i: int, *, sizes: list[int], seed: int, thin: float | None) -> bool:
-    poses = sample_reachable_poses(sizes[i], np.random.default_rng([seed, i]), thin=thin)
-    write_arrays(file, poses._asdict(), compressed=False)
-    return True
-
-
-def _load(file: Path) -> ReachedPoses:
-    stored = read_shard(file, ReachedPoses._fields)
-    quaternions, positions = stored["quaternions"], stored["positions"]
-    return ReachedPoses(
-        quaternions, positions, *(int(stored[name]) for name in ReachedPoses._fields[2:])
-    )
+        X_WF = X_WF[rng.random(len(q)) * thin < manipulability(q)]
+    return X_WF, counts | {"thinned": len(q) - len(X_WF), "reached": len(X_WF)}
 
 
 #: Components of the mixtures that are compared. Source: definition.
 SWEEP = (8, 16, 32, 64, 96, 128)
 #: Arguments that decide the samples and the fits, beside the arm.
-_DECISIVE = ("samples", "fit_poses", "seed", "weighting")
+_DECISIVE = ("samples", "seed", "weighting")
 
 
 class Weighting(StrEnum):
@@ -158,15 +85,9 @@ class Weighting(StrEnum):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    add_run_arguments(parser, out="out/fit_reachability")
+    add_run_arguments(parser, out="out/fit_reachability", jobs=False)
     parser.add_argument(
-        "--samples", type=positive, default=10_000_000, help="Number of sampled configurations."
-    )
-    parser.add_argument(
-        "--fit-poses",
-        type=positive,
-        default=1_000_000,
-        help="Largest number of poses in the EM fit.",
+        "--samples", type=positive, default=1_000_000, help="Number of sampled configurations."
     )
     parser.add_argument(
         "--components",
@@ -189,12 +110,12 @@ def main(args: argparse.Namespace) -> int:
     thin = manipulability_reference() if args.weighting == Weighting.MANIPULABILITY else None
     settings = {"arm": "iiwa", **{name: getattr(args, name) for name in _DECISIVE}}
     _keep_folder(args.out, settings)
-    reached = draw_all(args.samples, args.seed, args.out / "samples", args.jobs, thin=thin)
-    counts = {name: getattr(reached, name) for name in ReachedPoses._fields[2:]}
-    counts["reached"] = len(reached.positions)
+    X, counts = sample_reachable_poses(args.samples, np.random.default_rng(args.seed), thin=thin)
     print(", ".join(f"{value} {name}" for name, value in counts.items()))
-    poses, held_out = split(reached, args.fit_poses, args.seed)
-    del reached
+    if len(X) < 1000:
+        raise ReachabilityError(f"only {len(X)} poses were reached; raise --samples.")
+    # One pose in 50 is put aside for the threshold.
+    held_out, poses = X[: len(X) // 50], X[len(X) // 50 :]
     command, git = command_line(args, "fit reachability"), git_revision()
     metadata = {
         **settings,
@@ -234,27 +155,6 @@ def component_counts(text: str) -> list[int]:
     return [*SWEEP] if text == "sweep" else [positive(word) for word in names(text)]
 
 
-def split(reached: ReachedPoses, fit_poses: int, seed: int) -> tuple[Array, Array]:
-    """Puts aside 2 % of the poses, at most 200 000, and takes at most ``fit_poses`` of the rest.
-
-    Returns:
-        What EM sees, shape (n, 4, 4), and what the threshold comes from, shape (h, 4, 4).
-
-    Raises:
-        ReachabilityError: Too few poses were reached.
-    """
-    n = len(reached.positions)
-    if n < 1000:
-        raise ReachabilityError(f"only {n} poses were reached; raise --samples.")
-    held_out = np.random.default_rng([seed, n]).choice(n, min(n // 50, 200_000), replace=False)
-    rest = np.ones(n, dtype=bool)
-    rest[held_out] = False
-    fitted = np.flatnonzero(rest)[:fit_poses]  # draws are independent: the first are as good
-    q, p = reached.quaternions.astype(float), reached.positions.astype(float)
-    poses, aside = (se3.make_pose(se3.rotations(q[i]), p[i]) for i in (fitted, held_out))
-    return poses, aside
-
-
 def _fit(
     poses: Array, held_out: Array, k: int, seed: int, metadata: dict[str, Any]
 ) -> ReachableSpace:
@@ -263,10 +163,9 @@ def _fit(
     mixture = fit_riemannian_mixture(
         poses, k, np.random.default_rng([seed, k]), max_iterations=150, tolerance=2e-4
     )
-    packed = pack(mixture)
     # Share of reachable poses whose log density exceeds the threshold.
-    threshold = float(np.quantile(log_densities(held_out, packed), 1.0 - 0.99))
-    likelihood = float(log_densities(poses, packed).mean())
+    threshold = float(np.quantile(mixture.log_density(held_out), 1.0 - 0.99))
+    likelihood = float(mixture.log_density(poses).mean())
     return ReachableSpace(mixture, threshold, {**metadata, "log_likelihood_per_pose": likelihood})
 
 

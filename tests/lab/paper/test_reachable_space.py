@@ -24,10 +24,8 @@ def small_space() -> ReachableSpace:
 
 
 def test_shipped_space_accepts_what_the_arm_reaches(shipped):
-    reached = sample_reachable_poses(20_000, np.random.default_rng(8))
-    X = se3.make_pose(se3.rotations(reached.quaternions.astype(float)), reached.positions)
+    X, _ = sample_reachable_poses(20_000, np.random.default_rng(8))
     assert shipped.contains(X).mean() > 0.95
-    np.testing.assert_allclose(shipped.log_density(X), shipped.mixture.log_density(X), atol=1e-3)
 
 
 def test_shipped_space_refuses_what_is_out_of_reach(shipped):

@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 
 from feasigrasp import cli
-from feasigrasp.models.geometry import se3
 from feasigrasp_lab.paper.reachable_space import ReachableSpace
 from feasigrasp_lab.results.statistics import area_under_curve
-from feasigrasp_lab.training.fit_reachability import component_counts
+from feasigrasp_lab.training.fit_reachability import (
+    component_counts,
+    manipulability_reference,
+    sample_reachable_poses,
+)
 
-FIT = ["fit", "reachability", "--samples", "30000", "--jobs", "1"]
+FIT = ["fit", "reachability", "--samples", "30000"]
 
 
 @pytest.fixture(scope="module")
@@ -43,11 +46,9 @@ def test_fit_leaves_spaces_and_the_bic_curve(fitted):
 
 
 def test_bic_is_that_of_the_poses(fitted):
-    """From the samples on disk, in double precision."""
     space = ReachableSpace.load(fitted / "reachable_space_12.npz")
-    stored = np.load(fitted / "samples" / "part-0000.npz")
-
-    X = se3.make_pose(se3.rotations(stored["quaternions"].astype(float)), stored["positions"])
+    rng, thin = np.random.default_rng(0), manipulability_reference()
+    X, _ = sample_reachable_poses(30_000, rng, thin=thin)
     n = space.metadata["counts"]["fitted"]
     with (fitted / "bic.csv").open() as file:
         bic = float(list(csv.DictReader(file))[1]["bic"])
@@ -56,30 +57,17 @@ def test_bic_is_that_of_the_poses(fitted):
     np.testing.assert_allclose(bic, expected, rtol=5e-3)
 
 
-def test_a_finished_part_is_not_drawn_again(fitted, monkeypatch, capsys):
+def test_a_finished_fit_is_not_done_again(fitted, monkeypatch):
     def fail(*args, **options):
-        raise AssertionError("drawn or fitted again")
+        raise AssertionError("fitted again")
 
-    monkeypatch.setattr("feasigrasp_lab.training.fit_reachability._draw_part", fail)
     monkeypatch.setattr("feasigrasp_lab.training.fit_reachability._fit", fail)
     assert cli.main([*FIT, "--out", str(fitted), "--components", "4,12"]) == 0
-    assert "30000 drawn" in capsys.readouterr().out
 
 
 def test_a_folder_of_other_settings_is_refused(fitted, capsys):
     assert cli.main([*FIT, "--out", str(fitted), "--seed", "5"]) == 2
     assert "other settings" in capsys.readouterr().err
-
-
-def test_jobs_do_not_change_the_samples(fitted, tmp_path, monkeypatch):
-    monkeypatch.setattr("feasigrasp_lab.training.fit_reachability.PART", 10_000)
-    for jobs in ("1", "2"):
-        out = tmp_path / jobs
-        arguments = ["--samples", "30000", "--components", "2", "--out", str(out), "--jobs", jobs]
-        assert cli.main(["fit", "reachability", *arguments]) == 0
-    one, two = (ReachableSpace.load(tmp_path / j / "reachable_space.npz") for j in ("1", "2"))
-    np.testing.assert_array_equal(one.mixture.means, two.mixture.means)
-    assert one.threshold == two.threshold
 
 
 def test_evaluation_reports_every_judge(fitted, tmp_path):
