@@ -73,10 +73,10 @@ def _finish(filename: Path, key: Mapping[str, Any], make: Callable[[], Sequence[
     write_json({"key": key, "records": records}, filename)
 
 
-def write_arrays(filename: Path, arrays: Mapping[str, Any], *, compressed: bool = True) -> None:
+def write_arrays(filename: Path, arrays: Mapping[str, Any]) -> None:
     """Writes an ``npz`` file: one of its name is a whole one."""
     with replacing(filename) as file:
-        (np.savez_compressed if compressed else np.savez)(file, **arrays)
+        np.savez_compressed(file, **arrays)
 
 
 def read_shard(filename: Path, names: Iterable[str]) -> dict[str, Any]:
