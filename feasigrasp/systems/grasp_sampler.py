@@ -10,7 +10,7 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.non_maximum_suppression import GraspHistory
-from feasigrasp.models.grasps.payload import PayloadModel
+from feasigrasp.models.grasps.payload import with_loads
 from feasigrasp.models.grasps.samplers import recheck_of
 from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.robot.gripper import Gripper
@@ -80,7 +80,7 @@ class GraspSampler(LeafSystem):
         super().__init__()
         self._sampler = sampler
         self._recheck = None if gripper is None else recheck_of(gripper)
-        self._payload_model = None if gripper is None else PayloadModel(gripper, mass)
+        self._gripper, self._mass = gripper, mass
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._rest = rest
         self._before = PeriodicState(self, _Sampled(GraspHistory()), period, self._update)
@@ -115,9 +115,10 @@ class GraspSampler(LeafSystem):
                 "GraspSet, an empty one if there is no grasp"
             )
         history = before.followed_by(gpdf, found, self._recheck)
-        if self._payload_model is None:
+        if self._gripper is None:
             return history
-        return replace(history, grasps=self._payload_model.with_loads(gpdf, history.grasps))
+        loaded = with_loads(gpdf, history.grasps, self._gripper, self._mass)
+        return replace(history, grasps=loaded)
 
     def _calc(self, context: Context) -> GraspSet:
         history: GraspHistory = self._now.Eval(context)

@@ -1,15 +1,14 @@
 """Payload filter: grasp wrench capacity of soft pads (Howe and Cutkosky 1996)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
-from feasigrasp.models.grasps.pad_load import Load, PadLoad, estimate_mass
+from feasigrasp.models.grasps.pad_load import PadLoad, estimate_mass
 from feasigrasp.models.grasps.seal import CupLoad
 from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.robot.suction_cup import SuctionCup
@@ -45,10 +44,7 @@ class Grip(NamedTuple):
 def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Grip:
     """Grasp wrench capacity of pads on a completed surface (Johnson 1985, section 4.3).
 
-    Args:
-        gpdf: Distance field in frame O.
-        grasps: Grasps in O; their widths say where the pads stop.
-        gripper: The hand: size and force of its pads.
+    Field and grasps are in O; the widths of the grasps say where the pads stop.
     """
     # How finely a field resolves the gap between pad and surface [m]: the pads are taken to be so
     # soft that their force presses the whole pad in by this much; the simulated ones are harder.
@@ -106,16 +102,11 @@ def pressure_centre(y: Array, z: Array, weight: Array) -> Array:
 
 
 def moment_limits(y: Array, z: Array, force: Array) -> Array:
-    """Greatest moments that patches bear about their centres of pressure.
+    """Greatest moments (n, 3) that patches bear about their centres of pressure [Nm].
 
-    Args:
-        y: Where the cells are, shape (k,) [m].
-        z: The same, shape (k,) [m].
-        force: Normal force in every cell, shape (n, k) [N].
-
-    Returns:
-        About x, y and z: ``sum_i f_i |r_i - r_p|``, by friction with a coefficient of 1,
-        ``sum_i f_i |z_i - z_p|`` and ``sum_i f_i |y_i - y_p|``, shape (n, 3) [Nm].
+    Of cells at y and z (k,) [m] with normal forces f (n, k) [N]. About x, y and z:
+    ``sum_i f_i |r_i - r_p|``, by friction with a coefficient of 1, ``sum_i f_i |z_i - z_p|`` and
+    ``sum_i f_i |y_i - y_p|``.
     """
     centre = pressure_centre(y, z, force)
     across, along = np.abs(y - centre[:, :1]), np.abs(z - centre[:, 1:])
@@ -135,44 +126,29 @@ FRICTION, FORCE_SHARE, MOMENT_SHARE = 0.5, 0.9, 0.35
 LEAST_PROBABILITY, BEST = 0.7, 0.76
 
 
-@dataclass(frozen=True, eq=False)
-class PayloadModel:
-    """Payload model: the hand, and the mass if given.
+def with_loads(
+    gpdf: Gpdf, grasps: GraspSet, gripper: Gripper, mass: float | None = None
+) -> GraspSet:
+    """The grasps with the loads of their pads or cup (`GraspSet.load`).
 
-    Attributes:
-        gripper: The hand.
-        mass: Mass of the object, if it is known [kg].
-
-    Raises:
-        GraspError: The mass is not a positive number.
+    The mass [kg] is estimated from the field's volume if it is not given.
     """
-
-    gripper: Gripper
-    mass: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.mass is not None and not 0.0 < self.mass < np.inf:
-            raise GraspError(f"mass = {self.mass}: give kilograms, or None if it is not known")
-
-    def with_loads(self, gpdf: Gpdf, grasps: GraspSet) -> GraspSet:
-        """The grasps with the loads of their pads or cup (`GraspSet.load`)."""
-        if len(grasps) == 0:
-            return grasps
-        body, gripper = estimate_mass(gpdf, self.mass), self.gripper
-        if isinstance(gripper, SuctionCup):
-            lever = body.p_OC - grasps.X_OG[:, :3, 3]
-            load: Load = CupLoad(grasps.X_OG[:, :3, :3], lever, body, gripper)
-            return replace(grasps, load=load)
-        assert isinstance(gripper, ParallelGripper)
-        grip = grip_of(gpdf, grasps, gripper)
-        load = PadLoad(
-            R_OG=grasps.X_OG[:, :3, :3],
-            lever=body.p_OC - grip.p_OP,
-            body=body,
-            force=np.full(len(grasps), FRICTION * FORCE_SHARE * grip.force),
-            moment=MOMENT_SHARE * FORCE_SHARE * grip.moment * [FRICTION, 1.0, 1.0],
-        )
-        return replace(grasps, load=load)
+    if len(grasps) == 0:
+        return grasps
+    body = estimate_mass(gpdf, mass)
+    if isinstance(gripper, SuctionCup):
+        lever = body.p_OC - grasps.X_OG[:, :3, 3]
+        return replace(grasps, load=CupLoad(grasps.X_OG[:, :3, :3], lever, body, gripper))
+    assert isinstance(gripper, ParallelGripper)
+    grip = grip_of(gpdf, grasps, gripper)
+    load = PadLoad(
+        R_OG=grasps.X_OG[:, :3, :3],
+        lever=body.p_OC - grip.p_OP,
+        body=body,
+        force=np.full(len(grasps), FRICTION * FORCE_SHARE * grip.force),
+        moment=MOMENT_SHARE * FORCE_SHARE * grip.moment * [FRICTION, 1.0, 1.0],
+    )
+    return replace(grasps, load=load)
 
 
 def rated_by_payload(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:

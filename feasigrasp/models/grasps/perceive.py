@@ -12,7 +12,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.checks import MIN_POINTS, checked_cloud, outliers, smeared
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
-from feasigrasp.models.grasps.payload import PayloadModel, payload_filtered
+from feasigrasp.models.grasps.payload import payload_filtered, with_loads
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler
 from feasigrasp.models.quantities import CLOUD, POINT, ArrayOf, Positive, Whole
 from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
@@ -108,5 +108,5 @@ def perceive(
         )
     gpdf = fit_gpdf(cloud.points) if view is None else complete_shape(cloud, table=plane)
     g = None if down is None else np.asarray(down)
-    grasps = payload_filtered(PayloadModel(gripper, mass).with_loads(gpdf, sampler(gpdf)), g)
+    grasps = payload_filtered(with_loads(gpdf, sampler(gpdf), gripper, mass), g)
     return Perception(cloud, gpdf, grasps, gripper, view, int(bad.sum()), g)

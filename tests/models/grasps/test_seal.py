@@ -7,7 +7,7 @@ import trimesh
 from feasigrasp.models.geometry.se3 import make_pose, so3_exp
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.pad_load import GRAVITY, MassEstimate
-from feasigrasp.models.grasps.payload import PayloadModel
+from feasigrasp.models.grasps.payload import with_loads
 from feasigrasp.models.grasps.seal import (
     LIP,
     CupLoad,
@@ -185,6 +185,6 @@ def test_payload_prefers_the_middle_of_a_heavy_plate():
     field = field_of(plate, 1200)
     X = np.array([from_above(0.013), from_above(0.013, x=0.05)])
     grasps = GraspSet(X, np.full(2, 2 * R), np.ones(2))
-    load = PayloadModel(CUP, 0.6).with_loads(field, grasps).load
+    load = with_loads(field, grasps, CUP, 0.6).load
     middle, edge = load.probability([0.0, 0.0, -1.0])
     assert middle > 0.9 > 0.5 > edge
