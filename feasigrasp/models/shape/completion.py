@@ -10,7 +10,7 @@ nothing shaped.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,22 +47,10 @@ CLEARANCE, DOUBT = 3e-3, 1.0
 CLEARANCE_OF_SEVERAL, DOUBT_OF_SEVERAL = 10e-3, 1.5
 
 
-class HiddenNodes(NamedTuple):
-    """Points where the hidden surface probably is.
-
-    Attributes:
-        points: Shape (n, 3) [m].
-        deviation: Expected error along the line of sight, shape (n,) [m].
-    """
-
-    points: Array
-    deviation: Array
-
-
 def hidden_nodes(
     field: Gpdf, images: Sequence[ViewImage], observed: Array, network: HiddenSide, count: int
-) -> HiddenNodes:
-    """Nodes on the far sides of all pictures.
+) -> tuple[Array, Array]:
+    """Points where the hidden surface probably is, on the far sides of all pictures.
 
     Args:
         field: The estimate without the network.
@@ -70,6 +58,9 @@ def hidden_nodes(
         observed: Points seen, shape (n, 3) [m].
         network: Estimator of far sides.
         count: Number of nodes, at most.
+
+    Returns:
+        Points (k, 3) [m], and their expected errors along the line of sight (k,) [m].
     """
     backs = network.back_surfaces(images, field)
     parts = [_of_picture(image, back) for image, back in zip(images, backs, strict=True)]
@@ -85,9 +76,9 @@ def hidden_nodes(
     kept = cKDTree(observed).query(points)[0] > np.maximum(clearance, doubt * deviation)
     points, deviation = points[kept], deviation[kept]
     if len(points) == 0:
-        return HiddenNodes(points, deviation)
+        return points, deviation
     chosen = farthest_points(points, min(count, len(points)))
-    return HiddenNodes(points[chosen], deviation[chosen])
+    return points[chosen], deviation[chosen]
 
 
 def _of_picture(image: ViewImage, back: BackSurface) -> tuple[Array, Array]:
@@ -158,9 +149,7 @@ class CompletedField(Gpdf):
         x = self._withdrawn(np.asarray(x))
         cross = cross_covariance(nodes, self.length_scale, self.center, x)
         # The leading block of a Cholesky factor is the factor of the leading block.
-        solved, info = lapack.dtrtrs(self._observed_factor, cross.T, lower=1, overwrite_b=1)
-        if info != 0:
-            raise PointCloudError(f"variance: triangular solve failed (LAPACK info {info})")
+        solved, _ = lapack.dtrtrs(self._observed_factor, cross.T, lower=1, overwrite_b=1)
         return np.maximum(1.0 - np.einsum("ji,ji->j", solved.T, solved.T), 0.0)
 
     def seen(self) -> tuple[Array, Array]:
@@ -251,17 +240,17 @@ def complete_shape(
     if plane is not None and (points @ plane[:3] + plane[3] <= 0.0).all():
         raise PointCloudError(f"table = {plane.tolist()}: every point is below; turn its normal up")
 
-    def fitted_to(count: int, hidden: HiddenNodes) -> tuple[Gpdf, int]:
+    def fitted_to(count: int, hidden: Array, deviation: Array) -> tuple[Gpdf, int]:
         """The field of the first surface points, and the number of its nodes that rest on them."""
         seen, signed = _seen_nodes(surface[:count], normals[:count], steep[:count])
-        under, under_by = _nodes_under(plane, np.concatenate([points, hidden.points]))
+        under, under_by = _nodes_under(plane, np.concatenate([points, hidden]))
         # Errors of neighbouring nodes there correlate: this number counts as one observation.
-        hidden_variance = 1.5 * (hidden.deviation / length_scale) ** 2
-        made_up = np.zeros(len(hidden.points))
+        hidden_variance = 1.5 * (deviation / length_scale) ** 2
+        made_up = np.zeros(len(hidden))
         others = len(seen) + len(free) + len(under)
         noise = np.concatenate([np.zeros(others), hidden_variance])
         fitted = fit_field(
-            np.concatenate([seen, free, under, hidden.points]),
+            np.concatenate([seen, free, under, hidden]),
             np.exp(-np.concatenate([signed, free_by, under_by, made_up]) / length_scale),
             points=surface[:count],
             bounds=bounds,
@@ -270,15 +259,15 @@ def complete_shape(
         )
         return fitted, len(seen)
 
-    hidden = HiddenNodes(np.zeros((0, 3)), np.zeros(0))
+    hidden, deviation = np.zeros((0, 3)), np.zeros(0)
     if learnt and cloud.images:
-        rough, _ = fitted_to(ROUGH_POINTS, hidden)
+        rough, _ = fitted_to(ROUGH_POINTS, hidden, deviation)
         # Nodes on the hidden side, all views together.
-        hidden = hidden_nodes(rough, cloud.images, points, load_hidden_side(), 120)
+        hidden, deviation = hidden_nodes(rough, cloud.images, points, load_hidden_side(), 120)
         if plane is not None:
-            above = hidden.points @ plane[:3] + plane[3] > 0.0
-            hidden = HiddenNodes(hidden.points[above], hidden.deviation[above])
-    fitted, observed = fitted_to(len(surface), hidden)
+            above = hidden @ plane[:3] + plane[3] > 0.0
+            hidden, deviation = hidden[above], deviation[above]
+    fitted, observed = fitted_to(len(surface), hidden, deviation)
     content = {f.name: getattr(fitted, f.name) for f in fields(Gpdf)} | {"table": plane}
     return CompletedField(
         **content, cloud=points, cloud_normals=cloud.normals, images=cloud.images, observed=observed

@@ -281,16 +281,10 @@ INVENTED = 0.010
 
 
 def predicted_deviation(apart: ArrayLike) -> Array:
-    """Expected distance of completed surface from the true one.
+    """Expected distance of completed surface from the true one, ``apart`` from observed points [m].
 
     The two coefficients are calibrated on the built-in objects (``feasigrasp evaluate shape`` draws
     how well they do on these and on others).
-
-    Args:
-        apart: Distance from the nearest observed point [m], any shape.
-
-    Returns:
-        The same shape [m].
     """
     # Error of observed surface [m], and its growth with the distance from it.
     error_of_seen, error_growth = 0.0002, 0.21

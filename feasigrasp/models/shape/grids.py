@@ -72,8 +72,7 @@ def _take(points, m, grid, node, taken, squares):
 def obstacle_grid(scene: SceneField) -> ObstacleGrid:
     """The grid of a scene where the arm can reach; takes about a tenth of a second.
 
-    Args:
-        scene: The scene, in the frame of the arm's base, without the arm and what it grasps.
+    The scene is in the frame of the arm's base, without the arm and what it grasps.
     """
     low, size = ARM_BOX
     shape = tuple((np.ceil(size / SCENE_VOXEL).astype(int) + 1).tolist())

@@ -101,30 +101,30 @@ def test_a_larger_object_farther_away_differs_in_its_size_alone(image, field):
 
 
 def test_nodes_lie_on_the_hidden_side_of_a_ball(image):
-    nodes = hidden_nodes(None, [image], front(CAMERA), Ball(), 100)
-    assert 50 < len(nodes.points) <= 100
-    radii = np.linalg.norm(nodes.points, axis=1)
+    nodes, _ = hidden_nodes(None, [image], front(CAMERA), Ball(), 100)
+    assert 50 < len(nodes) <= 100
+    radii = np.linalg.norm(nodes, axis=1)
     np.testing.assert_allclose(radii, RADIUS, atol=5e-4)
-    assert (nodes.points[:, 2] < 0.01).all()
+    assert (nodes[:, 2] < 0.01).all()
 
 
 def test_nodes_keep_off_what_was_observed(image):
     everything = RADIUS * sphere_points(6000, 1.0)
     some = everything[everything[:, 0] > 0.0]
-    nodes = hidden_nodes(None, [image], some, Ball(), 100)
-    apart = np.linalg.norm(nodes.points[:, None] - some[None], axis=-1).min(axis=1)
+    nodes, _ = hidden_nodes(None, [image], some, Ball(), 100)
+    apart = np.linalg.norm(nodes[:, None] - some[None], axis=-1).min(axis=1)
     assert apart.min() > CLEARANCE
-    assert len(nodes.points) > 10
+    assert len(nodes) > 10
 
 
 def test_nodes_of_several_pictures_keep_farther_off(image):
     side = np.array([0.5, 0.0, 0.0])
     pictures = [image, view_image(front(side), side)]
     observed = np.concatenate([front(CAMERA), front(side)])
-    nodes = hidden_nodes(None, pictures, observed, Ball(), 100)
-    apart = np.linalg.norm(nodes.points[:, None] - observed[None], axis=-1).min(axis=1)
+    nodes, _ = hidden_nodes(None, pictures, observed, Ball(), 100)
+    apart = np.linalg.norm(nodes[:, None] - observed[None], axis=-1).min(axis=1)
     assert apart.min() > CLEARANCE_OF_SEVERAL > CLEARANCE
-    assert len(nodes.points) > 10
+    assert len(nodes) > 10
 
 
 class Deep:
@@ -138,11 +138,11 @@ class Deep:
 
 
 def test_a_picture_from_the_side_contradicts_what_it_looks_through(image):
-    assert len(hidden_nodes(None, [image], front(CAMERA), Deep(), 100).points) > 50
+    assert len(hidden_nodes(None, [image], front(CAMERA), Deep(), 100)[0]) > 50
     side = np.array([0.5, 0.0, 0.0])
     beside = view_image(front(side), side)
-    nodes = hidden_nodes(None, [image, beside], front(CAMERA), Deep(), 100)
-    assert not (nodes.points[:, 2] < -0.1).any()
+    nodes, _ = hidden_nodes(None, [image, beside], front(CAMERA), Deep(), 100)
+    assert not (nodes[:, 2] < -0.1).any()
 
 
 def test_a_weights_file_comes_back(tmp_path, image, field):
