@@ -119,8 +119,6 @@ def filter_grasps(
         Rejection.NOT_ANTIPODAL: (cosine <= max(cosine_steps))[pair_of],
     }
     candidates, pair_of = _apply(candidates, pair_of, checks)
-    left, pair_of = np.unique(pair_of, return_inverse=True)
-    pairs, cosine, pair_of = pairs.select(left), cosine[left], pair_of.reshape(-1)
 
     free, certain = hand_freedom(gpdf, candidates, learned[candidates.id, 1], gripper, enough)
     certain = certain[free]

@@ -54,15 +54,9 @@ def frames_along(points: ArrayLike, normals: ArrayLike) -> Array:
 
 
 def place_copies(X_OG: ArrayLike, vertices: Array, faces: Indices) -> tuple[Array, Indices]:
-    """A mesh with one copy of a glyph per frame.
+    """A mesh with one copy of a glyph per frame (n, 4, 4).
 
-    Args:
-        X_OG: Poses, shape (n, 4, 4) [m].
-        vertices: The glyph's vertices in G, shape (v, 3) [m].
-        faces: Its triangles, shape (f, 3).
-
-    Returns:
-        Vertices in O, shape (n * v, 3) [m], and triangles, shape (n * f, 3).
+    Of the glyph's vertices (v, 3) in G and triangles (f, 3) it has n v in O [m] and n f.
     """
     X_OG = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)
     placed = np.einsum("nij,vj->nvi", X_OG[:, :3, :3], vertices) + X_OG[:, None, :3, 3]
@@ -71,17 +65,10 @@ def place_copies(X_OG: ArrayLike, vertices: Array, faces: Indices) -> tuple[Arra
 
 
 def spread_order(X_OG: ArrayLike, score: ArrayLike) -> Indices:
-    """Orders grasps so that the first few show the variety of all.
+    """A permutation (n,) of grasps so that the first few show the variety of all.
 
     The best comes first; then always the one farthest from those before it, a grasp and its
-    180-degree flip about z being the same.
-
-    Args:
-        X_OG: Grasp poses, shape (n, 4, 4) [m].
-        score: Higher is better, shape (n,).
-
-    Returns:
-        A permutation, shape (n,).
+    180-degree flip about z being the same. Poses are (n, 4, 4), scores (n,), higher for better.
     """
     X_OG = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)
     if len(X_OG) == 0:

@@ -23,6 +23,8 @@ UNKNOWN = -1
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 _NUMBERS, _NUMBERS_OF_ALL = (ArrayOf((m,), dtype=np.int64) for m in "km")
+#: Attributes of a `GraspSet` with one entry for each grasp, or None.
+_PER_GRASP = ("X_OG", "width", "score", "id", "payload_score")
 
 
 class Rejection(StrEnum):
@@ -114,11 +116,9 @@ class GraspSet(Frozen):
             raise GraspError(
                 f"GraspSet.select: keep is no mask of {len(self)} grasps, nor indices of such"
             )
-        names = ("X_OG", "width", "score", "id")
-        parts = {name: getattr(self, name)[keep] for name in names}
+        parts = {n: a[keep] for n in _PER_GRASP if (a := getattr(self, n)) is not None}
         load = None if self.load is None else self.load.select(keep)
-        payload_score = None if self.payload_score is None else self.payload_score[keep]
-        chosen = replace(self, **parts, load=load, payload_score=payload_score)
+        chosen = replace(self, **parts, load=load)
         dropped = len(self) - len(chosen)
         return chosen if reason is None else chosen.counted({reason: max(dropped, 0)})
 
@@ -138,15 +138,12 @@ class GraspSet(Frozen):
     @checked(GraspError)
     def joined(self, other: "GraspSet") -> Self:
         """This set and another one behind it; what was rejected is that of this one."""
-        names = ("X_OG", "width", "score", "id")
-        parts: dict[str, Any] = {
-            n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in names
-        }
+        parts: dict[str, Any] = {}
+        for name in _PER_GRASP:
+            pair = getattr(self, name), getattr(other, name)
+            parts[name] = None if any(a is None for a in pair) else np.concatenate(pair)
         load = self.load.joined(other.load) if self.load and other.load else None
-        payload_score = None
-        if self.payload_score is not None and other.payload_score is not None:
-            payload_score = np.concatenate([self.payload_score, other.payload_score])
-        return replace(self, **parts, load=load, payload_score=payload_score)
+        return replace(self, **parts, load=load)
 
 
 #: Any grasp sampler, model-free or learned: a distance field in, filtered grasps out.

@@ -3,7 +3,6 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry.points import nearest_distance
@@ -23,39 +22,23 @@ from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.scene_field import SceneField
 
 
-def scene_clear(
-    scene: SceneField, X_WG: ArrayLike, gripper: Gripper, margin: float = 0.005
-) -> Mask:
-    """Mask of open-hand poses with clearance from a scene.
-
-    Args:
-        scene: The scene, in frame W.
-        X_WG: Hand poses in the same frame, shape (n, 4, 4).
-        gripper: The hand, fully open.
-        margin: Least distance of the hand from every surface [m].
-
-    Returns:
-        Shape (n,).
-    """
-    points = _hand_points(X_WG, gripper)
+def scene_clear(scene: SceneField, X_WG: Array, gripper: Gripper, margin: float = 0.005) -> Mask:
+    """Mask (n,) of poses (n, 4, 4) at which the open hand keeps a margin [m] from a scene in W."""
+    points = _placed(gripper.surface_points(gripper.max_opening), X_WG)
     hits = scene.closer_than(points.reshape(-1, 3), margin)
     return np.asarray(~hits.reshape(points.shape[:2]).any(axis=1))
 
 
-def unobserved_clear(
-    scene: SceneField, X_WG: ArrayLike, gripper: Gripper, margin: float = 0.005
-) -> Mask:
+def unobserved_clear(scene: SceneField, X_WG: Array, gripper: Gripper, margin: float) -> Mask:
     """Mask of open-hand poses with clearance from unobserved space; as `scene_clear`."""
-    points = _hand_points(X_WG, gripper)
+    points = _placed(gripper.surface_points(gripper.max_opening), X_WG)
     distance = scene.unobserved_distance(points.reshape(-1, 3), margin)
     return np.asarray((distance >= margin).reshape(points.shape[:2]).all(axis=1))
 
 
-def _hand_points(X_WG: ArrayLike, gripper: Gripper) -> Array:
-    """Points on the open hand at each of n poses, shape (n, k, 3) [m]."""
-    poses = np.asarray(X_WG, dtype=float).reshape(-1, 4, 4)
-    hand = gripper.surface_points(gripper.max_opening)
-    points: Array = np.einsum("nij,kj->nki", poses[:, :3, :3], hand) + poses[:, None, :3, 3]
+def _placed(hand: Array, X: Array) -> Array:
+    """Points (k, 3) on a hand at each of n poses, shape (n, k, 3) [m]."""
+    points: Array = np.einsum("nij,kj->nki", X[:, :3, :3], hand) + X[:, None, :3, 3]
     return points
 
 
@@ -79,7 +62,7 @@ def hand_freedom(
 
     Args:
         gpdf: Distance field in frame O.
-        grasps: n grasps; their scores are the probabilities of their contacts.
+        grasps: They are n; their scores are the probabilities of their contacts.
         learned: Probability that the hand is free, as a network estimates it, shape (n,); NaN where
             it has no opinion.
         gripper: The hand.
@@ -106,26 +89,21 @@ def hand_freedom(
 
 
 def hand_clearance(
-    gpdf: Gpdf, X_OG: ArrayLike, gripper: Gripper, near: float = 0.0
+    gpdf: Gpdf, X_OG: Array, gripper: Gripper, near: float = 0.0
 ) -> tuple[Array, Array]:
     """Clearance of the whole open hand from the surface, for the worse of both flips.
 
-    Args:
-        gpdf: Distance field in frame O.
-        X_OG: Grasp frames, shape (n, 4, 4).
-        gripper: The hand.
-        near: A hand closer than this collides; how much closer it is does not matter [m].
+    A hand closer than ``near`` [m] collides; how much closer it is does not matter.
 
     Returns:
-        Least distance (n,), at most `FAR` [m], and the predicted deviation of the surface where
-        the hand is closest, shape (n,) [m].
+        Of poses (n, 4, 4): least distance (n,), at most `FAR` [m], and the predicted deviation of
+        the surface where the hand is closest, shape (n,) [m].
     """
-    poses = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)
     hand = _either_way_round(gripper)
-    clearance, closest = gpdf.clearance(poses, hand, FAR, near)
-    deviation = np.zeros(len(poses))
+    clearance, closest = gpdf.clearance(X_OG, hand, FAR, near)
+    deviation = np.zeros(len(X_OG))
     at = np.flatnonzero(closest >= 0)
-    points = np.einsum("nij,nj->ni", poses[at, :3, :3], hand[closest[at]]) + poses[at, :3, 3]
+    points = np.einsum("nij,nj->ni", X_OG[at, :3, :3], hand[closest[at]]) + X_OG[at, :3, 3]
     deviation[at] = surface_deviation(gpdf, points)
     return clearance, deviation
 
@@ -136,21 +114,11 @@ def observed_clearance(
     """Clearance as in `hand_clearance`, but without surface in observed free space.
 
     The field fills bowls and cups; a finger may enter them where the camera has seen the inside.
-
-    Args:
-        gpdf: Distance field in frame O.
-        X_OG: Grasp frames, shape (n, 4, 4).
-        gripper: The hand.
-        invented: Surface farther from observations than this counts as far as well [m].
-
-    Returns:
-        Shape (n,) [m], of raw distances, which are less than the true ones outside.
+    Surface farther than ``invented`` [m] from observations counts as far as well. Raw distances
+    (n,) [m], which are less than the true ones outside.
     """
-    if len(X_OG) == 0:
-        return np.zeros(0)
     hand = _either_way_round(gripper)
-    points = np.einsum("nij,kj->nki", X_OG[:, :3, :3], hand) + X_OG[:, None, :3, 3]
-    points = points.reshape(-1, 3)
+    points = _placed(hand, X_OG).reshape(-1, 3)
     clearance = np.full(len(points), FAR)
     counts = gpdf.possible(points)
     if np.isfinite(invented):

@@ -1,11 +1,10 @@
 """Learned grasp sampler: proposals of the equivariant network, filtered by the distance field."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import GraspError
@@ -24,7 +23,7 @@ from feasigrasp.models.grasps.network.network import (
 from feasigrasp.models.grasps.network.surface_input import GraspInput, grasp_input
 from feasigrasp.models.grasps.non_maximum_suppression import ENOUGH, suppress_non_maxima
 from feasigrasp.models.grasps.success_probability import MEAN, odds, probability
-from feasigrasp.models.quantities import ArrayOf, Count, Share
+from feasigrasp.models.quantities import Count, Share
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation, unit_normals
 
@@ -58,7 +57,6 @@ class NetworkSampler:
         n_grasps: Most grasps returned.
         least_score: Grasps that score less are left out, while there are enough; see
             `suppress_non_maxima`.
-        table: A plane that the hand stays above, see `filter_grasps`.
         top_up: Whether candidates of an `AntipodalSampler` join in where fewer than `ENOUGH`
             grasps are left.
     """
@@ -71,7 +69,6 @@ class NetworkSampler:
     n_grasps: Count = 64
     # Least score by default: field and network together are more certain than the field alone.
     least_score: Share = 0.9
-    table: Annotated[ArrayLike, ArrayOf((4,))] | None = None
     top_up: bool = True
 
     def __post_init__(self) -> None:
@@ -99,7 +96,7 @@ class NetworkSampler:
     def _judged(self, gpdf: Gpdf, candidates: Candidates) -> GraspSet:
         """What filter and thinning leave of candidates."""
         X_OG, width, prior = candidates
-        grasps = filter_grasps(gpdf, X_OG, width, self.gripper, prior=prior, table=self.table)
+        grasps = filter_grasps(gpdf, X_OG, width, self.gripper, prior=prior)
         return suppress_non_maxima(grasps, self.n_grasps, least_score=self.least_score)
 
     def _proposed(self, gpdf: Gpdf, surface: GraspInput, proposals: GraspProposals) -> Candidates:
@@ -130,7 +127,7 @@ class NetworkSampler:
 
     @cached_property
     def _network(self) -> GraspNetwork:
-        return self.network.with_gripper(self.gripper)
+        return replace(self.network, gripper=self.gripper)
 
 
 def _choose(contact: Array, points: NDArray[np.float32], count: int) -> NDArray[np.intp]:
@@ -163,16 +160,8 @@ def _straightened(gpdf: Gpdf, middle: Array, b: Array, width: Array) -> tuple[Ar
 
     The network's direction is a few degrees off; between observed faces the field is more accurate.
     The line turns about its middle to the mean of both inward normals and ends on the surface
-    again.
-
-    Args:
-        gpdf: The field.
-        middle: Middles of the lines, shape (n, 3) [m].
-        b: Their directions, unit, shape (n, 3).
-        width: Their lengths, shape (n,) [m].
-
-    Returns:
-        Middles, directions and lengths.
+    again. Lines are given and returned as middles (n, 3) [m], unit directions (n, 3) and lengths
+    (n,) [m].
     """
     middle, b, width = middle.copy(), b.copy(), width.copy()
     ends = middle + 0.5 * width[:, None] * b

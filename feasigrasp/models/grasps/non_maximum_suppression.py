@@ -22,23 +22,17 @@ LEAST_SCORE, ENOUGH, EVEN = 0.87, 10, 0.5
 
 
 def suppress_non_maxima(
-    grasps: GraspSet, count: int, *, least_score: float = LEAST_SCORE, enough: int = ENOUGH
+    grasps: GraspSet, count: int, *, least_score: float = LEAST_SCORE
 ) -> GraspSet:
-    """The best grasps that differ from each other.
+    """At most ``count`` of the best grasps that differ from each other, best first.
 
-    Args:
-        grasps: Best first.
-        count: Most grasps wanted.
-        least_score: Grasps that score less are left out ...
-        enough: ... unless fewer than this many are left: then likely ones fill up, as far as there
-            are any.
-
-    Returns:
-        Best first; what is dropped counts as "near copy" or "uncertain".
+    Grasps that score less than ``least_score`` are left out, unless fewer than `ENOUGH` are left:
+    then likely ones fill up, as far as there are any. What is dropped counts as "near copy" or
+    "uncertain".
     """
     kept = grasps.select(distinct(grasps, count), Rejection.NEAR_COPY)
     certain = kept.score >= least_score
-    certain[:enough] |= kept.score[:enough] >= EVEN
+    certain[:ENOUGH] |= kept.score[:ENOUGH] >= EVEN
     certain[:1] = True
     return kept.select(certain, Rejection.UNCERTAIN)
 

@@ -49,12 +49,7 @@ class MassEstimate(Frozen):
 
 
 def estimate_mass(gpdf: Gpdf, mass: float | None = None) -> MassEstimate:
-    """Mass and centre of mass of a completed shape.
-
-    Args:
-        gpdf: Distance field in frame O.
-        mass: The mass, if it is known [kg].
-    """
+    """Mass and centre of mass of a completed shape; the mass is given if it is known [kg]."""
     # Points per axis at which the field is asked for inside and outside.
     grid = 12
     surface = gpdf.completion.points
@@ -163,12 +158,10 @@ class PadLoad(Load):
     _per_grasp = (*Load._per_grasp, "force", "moment")
 
     def per_kilogram(self, down: ArrayLike | None = None) -> Array:
-        """Share of what the pads bear that one kilogram of the object takes, shape (n,).
+        """See `Load.per_kilogram`; without ``down`` gravity is the worst one for each moment.
 
-        It is 1 on the limit surface, the ellipsoid ``(f / f_max)^2 + sum_i (m_i / m_max,i)^2 = 1``.
-
-        Args:
-            down: Direction of gravity in O, shape (3,); None for the worst one for each moment.
+        The share is 1 on the limit surface, the ellipsoid ``(f / f_max)^2 + sum_i (m_i /
+        m_max,i)^2 = 1``.
         """
         r, e = np.einsum("nji,nj->ni", self.R_OG, self.lever), self.body.centre_error
         beside = (r**2).sum(axis=1, keepdims=True) - r**2  # squared, of every axis

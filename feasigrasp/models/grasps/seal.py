@@ -33,14 +33,10 @@ def cup_points(cup: SuctionCup) -> Array:
 
 
 def strain(heights: Array, cup: SuctionCup) -> Array:
-    """Largest strain of the springs of a lip that lies on a surface, shape (n,).
+    """Largest strain (n,) of the springs of a lip on a surface with heights (n, `LIP`) in G [m].
 
     Springs join neighbours on the lip, next but one neighbours, and each point with the apex, which
     stands ``cup.height`` behind their mean.
-
-    Args:
-        heights: z of the surface in G at the lip's points, shape (n, `LIP`) [m].
-        cup: The cup.
     """
     z = heights - heights.mean(axis=1, keepdims=True)
     worst = np.zeros(len(z))
@@ -56,12 +52,8 @@ def seals(heights: Array, cup: SuctionCup) -> Mask:
     """Whether the lip closes on a surface, shape (n,).
 
     The strain is below ``max_strain``, the lip is set down on the surface, and that has no gap
-    inside it, nor does it reach to the apex.
-
-    Args:
-        heights: z of the surface in G at all `cup_points`, infinite where there is none, shape
-            (n, k) [m].
-        cup: The cup.
+    inside it, nor does it reach to the apex. Heights (n, k) of the surface in G are those at all
+    `cup_points`, infinite where there is none [m].
     """
     # A vacuum draws the lip on from this far [m]. Further in than half its height it is crushed.
     near, deep = 0.001, 0.5 * cup.height
@@ -76,13 +68,8 @@ def seals(heights: Array, cup: SuctionCup) -> Mask:
 def mesh_heights(vertices: Array, faces: Indices, X_OG: Array, cup: SuctionCup) -> Array:
     """Heights in G at which rays out of the cup meet a mesh first, at all `cup_points`, (k,) [m].
 
-    Triangles are intersected in the plane of the lip, by barycentric coordinates.
-
-    Args:
-        vertices: In O, shape (v, 3) [m].
-        faces: Shape (f, 3).
-        X_OG: Pose of the cup, shape (4, 4).
-        cup: The cup; rays start at its apex's height.
+    Triangles (f, 3) of vertices (v, 3) in O [m] are intersected in the plane of the lip, by
+    barycentric coordinates; rays start at the height of the apex.
     """
     in_G = (vertices - X_OG[:3, 3]) @ X_OG[:3, :3]
     a, b, c = (in_G[faces[:, i]] for i in range(3))
@@ -103,12 +90,9 @@ def _twice_area(p: Array, q: Array, at: Array) -> Array:
 
 
 def needed_vacuum(force: ArrayLike, moment: ArrayLike, cup: SuctionCup) -> Array:
-    """Vacuum force V that bears a wrench (see above), shape (n,) [N].
+    """Vacuum force V that bears a wrench of the object on the cup (see above), shape (n,) [N].
 
-    Args:
-        force: Of the object on the cup, in G, shape (n, 3) [N]; it pulls with its z.
-        moment: About the middle of the lip, likewise, shape (n, 3) [Nm].
-        cup: The cup.
+    Force (n, 3) [N] and moment (n, 3) about the middle of the lip [Nm] are in G; z pulls.
     """
     f, m = np.asarray(force, dtype=float), np.asarray(moment, dtype=float)
     across, bending = np.hypot(f[..., 0], f[..., 1]), np.hypot(m[..., 0], m[..., 1])

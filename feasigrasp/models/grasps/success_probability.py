@@ -51,12 +51,7 @@ def contact_evidence(gpdf: Gpdf, pairs: GraspSet) -> tuple[Array, Array]:
 
 
 def clearance_evidence(clearance: Array, deviation: Array) -> Array:
-    """Clearances in units of their errors, shape (n,).
-
-    Args:
-        clearance: Least distance of the hand from the completed surface, shape (n,) [m].
-        deviation: Predicted deviation of the surface where the hand is closest, shape (n,) [m].
-    """
+    """Clearances of the hand in units of their errors, shape (n,); see `hand_clearance`."""
     # Error of a clearance: where the surface was seen [m], and per predicted deviation.
     clearance_error, deviation_share = 0.003, 0.67
     return clearance / (clearance_error + deviation_share * deviation)

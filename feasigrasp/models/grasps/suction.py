@@ -23,17 +23,10 @@ from feasigrasp.models.shape.gpdf_fit import Gpdf
 
 
 def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:
-    """Keeps the poses at which a cup closes on the surface and the hand collides with nothing.
+    """Keeps the poses (n, 4, 4) at which a cup closes on the surface and the hand hits nothing.
 
-    The score is the probability that the cup seals (`seal_state`) times that of a free hand.
-
-    Args:
-        gpdf: Distance field in frame O.
-        X_OG: Poses of the cup, shape (n, 4, 4).
-        cup: The cup.
-
-    Returns:
-        The survivors, best first, with rejections counted; the ``id`` is the number of the pose.
+    The score is the probability that the cup seals (`seal_state`) times that of a free hand. Best
+    first, with rejections counted; the ``id`` is the number of the pose.
     """
     n = len(X_OG)
     grasps = GraspSet(X_OG, np.full(n, 2.0 * cup.radius), np.ones(n), {}, np.arange(n))

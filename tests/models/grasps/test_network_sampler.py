@@ -68,17 +68,6 @@ def test_the_field_tops_up_what_the_network_leaves_open(can):
     np.testing.assert_array_equal(SAMPLER(can).X_OG, enough.X_OG)  # no need, no change
 
 
-def test_a_table_keeps_the_hand_above(can):
-    bottom = can.completion.points[:, 2].min()
-    table = [0.0, 0.0, 1.0, bottom]
-    above = NetworkSampler(network=SAMPLER.network, table=table)(can)
-    assert len(above) > 0
-    assert above.rejected["hits the table"] > 0
-    hand = SAMPLER.gripper.surface_points(SAMPLER.gripper.max_opening)
-    heights = np.einsum("nij,kj->nki", above.X_OG[:, :3, :3], hand)[..., 2]
-    assert (heights + above.X_OG[:, None, 2, 3] > bottom).all()
-
-
 def test_counts_are_limits(can):
     few = NetworkSampler(network=SAMPLER.network, n_contacts=10, n_approaches=2, n_grasps=3)
     assert len(few.candidates(can)[0]) == 20

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.grasps.non_maximum_suppression import distinct, suppress_non_maxima
+from feasigrasp.models.grasps.non_maximum_suppression import (
+    ENOUGH,
+    distinct,
+    suppress_non_maxima,
+)
 
 
 def scored(*scores):
@@ -17,14 +21,14 @@ def scored(*scores):
 @pytest.mark.parametrize(
     ("scores", "left"),
     [
-        ([0.95] * 4 + [0.7] * 4, 5),  # likely ones fill up to five
-        ([0.95] * 8 + [0.7] * 4, 8),  # enough without them
+        ([0.95] * 4 + [0.7] * 8, ENOUGH),  # likely ones fill up to ten
+        ([0.95] * 12 + [0.7] * 4, 12),  # enough without them
         ([0.95] * 2 + [0.3] * 6, 2),  # fewer rather than worse
         ([0.4, 0.3], 1),  # the best of the bad, since there is no other
     ],
 )
 def test_few_rather_than_poor(scores, left):
-    distinct_grasps = suppress_non_maxima(scored(*scores), 64, enough=5)
+    distinct_grasps = suppress_non_maxima(scored(*scores), 64)
     np.testing.assert_array_equal(distinct_grasps.score, scores[:left])
     assert distinct_grasps.rejected.get("uncertain", 0) == len(scores) - left
 

@@ -13,7 +13,7 @@ training, is `feasigrasp_lab.networks.ContactNetwork`.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -231,17 +231,8 @@ class GraspNetwork(Frozen):
         """Writes sizes and weights into one ``.npz`` file, whole or not at all."""
         _FILE.save(path, {"preset": self.preset, "sizes": self.sizes}, self.weights)
 
-    def with_gripper(self, gripper: ParallelGripper) -> Self:
-        """The network for another hand, without training."""
-        return replace(self, gripper=gripper)
-
     def propose(self, surface: GraspInput) -> GraspProposals:
-        """Proposes a grasp at every point of a surface.
-
-        It runs on one thread.
-
-        Args:
-            surface: Points, normals and invariants; n > 0.
+        """Proposes a grasp at every point of a surface, on one thread.
 
         Raises:
             GraspError: The input has no points.
@@ -261,18 +252,11 @@ class GraspNetwork(Frozen):
 
 
 def with_room(width: Array, deviation: Array, opening: float) -> Array:
-    """Widths that centre a hand so that it has room for a far contact that is uncertain.
+    """Widths (n,) that centre a hand so that it has room for a far contact that is uncertain [m].
 
-    A finger that is too far out costs nothing, one that is too near stands in the object.
-
-    Args:
-        width: Most probable widths, shape (n,) [m].
-        deviation: Their standard deviations, shape (n,) [m].
-        opening: Of the hand [m].
-
-    Returns:
-        Shape (n,) [m]; more than ``width`` only where `ROOM_DEVIATIONS` need more than the room
-        behind it, and no more than leaves `ROOM_BESIDE` at the near finger.
+    A finger that is too far out costs nothing, one that is too near stands in the object. So the
+    most probable width grows where `ROOM_DEVIATIONS` need more than the room behind it, and by no
+    more than leaves `ROOM_BESIDE` at the near finger.
     """
     behind = 0.5 * (opening - width)
     most = np.maximum(behind - ROOM_BESIDE, 0.0)

@@ -7,14 +7,17 @@ and what a finger opposite would meet.
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array, Float32, Frozen, Mask
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.numerics.fast_math import wide_vectors
+from feasigrasp.models.quantities import ArrayOf
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation, unit_normals
 from feasigrasp.models.shape.gpdf_kernels import newton_step
@@ -172,6 +175,7 @@ def chords(
 
 #: Names of the invariant features of a point, in the order of `GraspInput.scalars`.
 SCALARS = ("deviation", "chord", "chord_cosine", "chord_deviation")
+_ROWS = ArrayOf(("n", 3), dtype=np.float32)
 #: Chords are followed this far beyond the opening of the hand [m]. Source: guessed.
 BEYOND_OPENING = 0.02
 #: Chords to an outermost face are shorter than the longest by at least this: what fits between the
@@ -196,34 +200,20 @@ class GraspInput(Frozen):
             last two are 0 as well where there is no chord.
     """
 
-    points: Float32
-    normals: Float32
-    scalars: Float32
+    points: Annotated[Float32, _ROWS]
+    normals: Annotated[Float32, _ROWS]
+    scalars: Annotated[Float32, ArrayOf(("n", len(SCALARS)), dtype=np.float32)]
 
     def __post_init__(self) -> None:
-        """Makes the arrays read-only float32 and checks that they agree.
-
-        Raises:
-            GraspError: If the shapes do not match, or there is NaN or infinity.
-        """
-        shapes = {"points": 3, "normals": 3, "scalars": len(SCALARS)}
-        for name, columns in shapes.items():
-            array = np.array(getattr(self, name), dtype=np.float32)
-            if array.ndim != 2 or array.shape != (len(self.points), columns):
-                raise GraspError(
-                    f"GraspInput.{name} has shape {array.shape}; give ({len(self.points)}, "
-                    f"{columns}), one row per point"
-                )
-            if not np.isfinite(array).all():
-                raise GraspError(f"GraspInput.{name} holds NaN or infinity; drop those points")
-            self._freeze(**{name: array})
+        check_fields(self, GraspError)
+        self._freeze(**{name: array.copy() for name, array in vars(self).items()})
 
     def __len__(self) -> int:
         """Number of points."""
         return len(self.points)
 
 
-def grasp_input(field: Gpdf, n_points: int = 512, max_chord: float = MAX_CHORD) -> GraspInput:
+def grasp_input(field: Gpdf, n_points: int, max_chord: float = MAX_CHORD) -> GraspInput:
     """An even choice of points on a completed surface, with normals and invariant features.
 
     Args:
@@ -235,10 +225,8 @@ def grasp_input(field: Gpdf, n_points: int = 512, max_chord: float = MAX_CHORD) 
         The input, in O; the same field gives the same points.
 
     Raises:
-        GraspError: If ``n_points`` is less than 1, or nothing of the surface is known.
+        GraspError: If nothing of the surface is known.
     """
-    if n_points < 1:
-        raise GraspError(f"n_points = {n_points}; give 1 or more")
     points, normals, smoothed = _candidates(field, n_points)
     if len(points) == 0:
         raise GraspError("the field has no surface; fit it to more points")

@@ -1,6 +1,7 @@
 """The grasp networks: equivariance to rounding, and what they propose."""
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -254,7 +255,7 @@ def test_the_hand_has_room_where_nothing_is_in_its_way():
 def test_another_hand_sees_other_room():
     network = TorchGraspNetwork.untrained(seed=6)
     surface = GraspInput(*(x.astype(np.float32) for x in blob(14)))
-    wide = network.with_gripper(ParallelGripper(max_opening=0.11, finger_width=0.02))
+    wide = replace(network, gripper=ParallelGripper(max_opening=0.11, finger_width=0.02))
     a, b = network.propose(surface), wide.propose(surface)
     assert np.abs(np.sort(a.approach_score) - np.sort(b.approach_score)).max() > 1e-4
 
