@@ -99,24 +99,16 @@ class Camera(Frozen):
 def stereo_deviation(focal_length: Positive, baseline: Positive = BASELINE) -> float:
     """Coefficient of z^2 in the standard deviation of a stereo camera's depth z [1/m].
 
-    Args:
-        focal_length: f, in pixels of the images that are matched [px].
-        baseline: Distance B of the imagers [m].
-
-    Returns:
-        ``s / (f B)`` with the error s of disparities, `SUBPIXEL`.
+    ``SUBPIXEL / (f B)``, with the focal length f [px] of the images that are matched and the
+    distance B of the imagers [m].
     """
     return SUBPIXEL / (focal_length * baseline)
 
 
 def project(points_C: Array, intrinsics: tuple[float, float, float, float]) -> tuple[Array, Array]:
-    """Columns and rows of points (n, 3) in a camera's frame, shape (n,) each [px].
+    """Columns and rows of points (n, 3) in a camera's frame [m], by fx, fy, cx, cy, (n,) each [px].
 
     Those behind the camera project to somewhere far off; whoever may have such asks for their z.
-
-    Args:
-        points_C: The points, z forward [m].
-        intrinsics: fx, fy, cx, cy [px].
     """
     fx, fy, cx, cy = intrinsics
     z = np.maximum(points_C[:, 2], 1e-6)
@@ -124,13 +116,9 @@ def project(points_C: Array, intrinsics: tuple[float, float, float, float]) -> t
 
 
 def unproject(depth: Array, intrinsics: tuple[float, float, float, float]) -> Array:
-    """Points in a camera's frame of the pixels of a depth image, shape (3, height, width) [m].
+    """Points (3, h, w) in a camera's frame of a depth image (h, w), by fx, fy, cx, cy [px].
 
     Where the depth is not finite, they are not.
-
-    Args:
-        depth: Depths along z, shape (height, width) [m].
-        intrinsics: fx, fy, cx, cy [px].
     """
     fx, fy, cx, cy = intrinsics
     v, u = np.indices(depth.shape)

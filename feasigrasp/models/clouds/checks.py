@@ -77,11 +77,7 @@ def smeared(points: Array, p_OC: Array) -> Mask:
 
     As `edges.smeared_pixels`, for clouds without an order: of its neighbours in the picture one is
     too much nearer, and another one on the other side too much farther; the pitch of the pixels is
-    estimated.
-
-    Args:
-        points: Finite points of one view, shape (n, 3) [m].
-        p_OC: Position of the camera in the same frame, shape (3,) [m].
+    estimated. The points (n, 3) are finite, and of one view from p_OC (3,) [m].
     """
     # Neighbours in the picture: of a grid of pixels the fourth nearest is one pitch away; share of
     # their differences of depth that a ramp explains, which two surfaces in one place are not.
@@ -164,10 +160,8 @@ def spread_across(cloud: Array) -> float:
 
 
 def checked_cloud(points: ArrayLike) -> Array:
-    """A copy of the cloud as float64 (n, 3); raises PointCloudError for an invalid one."""
+    """A copy of a cloud (n, 3) as float64; raises PointCloudError for an invalid one."""
     cloud = np.array(points, dtype=float, order="C")
-    if cloud.ndim != 2 or cloud.shape[1] != 3:
-        raise PointCloudError(f"point cloud has shape {cloud.shape}; give (n, 3) in metres")
     bad = int((~np.isfinite(cloud).all(axis=1)).sum())
     if bad:
         raise PointCloudError(

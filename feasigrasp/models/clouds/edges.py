@@ -25,17 +25,9 @@ SCANTY, GROWTH = 150, 10
 def edge_pixels(points: NDArray[np.floating], seen: Mask, of_body: Mask, jump: float) -> Mask:
     """Pixels with a neighbour, of the four, that shows another surface.
 
-    That is one whose point is farther away than ``jump``, or one without a point that does not
+    That is one whose point is farther away than ``jump`` [m], or one without a point that does not
     belong to the body. (A lost pixel amid the body is a hole in the measurement, not an edge.)
-
-    Args:
-        points: Points by pixel, shape (3, h, w) [m].
-        seen: Which pixels have a point, shape (h, w).
-        of_body: Which pixels show the body, shape (h, w).
-        jump: See above [m].
-
-    Returns:
-        Shape (h, w).
+    Points are (3, h, w) [m]; the masks, of pixels with a point and of those of the body, (h, w).
     """
     edge = np.zeros(seen.shape, dtype=bool)
     for one, next_ in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
@@ -51,11 +43,7 @@ def smeared_pixels(depth: Array, camera: Camera) -> Mask:
     """Pixels where a stereo camera smears from one surface to the next, shape (h, w).
 
     Of its two neighbours in a row or column one is nearer and the other one farther, by more than
-    `STEEP` says and than noise is.
-
-    Args:
-        depth: 0 or not finite where nothing was measured, shape (h, w) [m].
-        camera: The camera.
+    `least_smear`. The depth (h, w) [m] is 0 or not finite where nothing was measured.
     """
     z = np.where(np.isfinite(depth) & (depth > 0.0), depth, np.nan)
     least = least_smear(z, 1.0 / min(camera.intrinsics[:2]), camera.depth_noise)
@@ -76,12 +64,9 @@ def grown_mask(points: NDArray[np.floating], mask: Mask, free: Mask, jump: float
 
     Args:
         points: Points by pixel, not finite where nothing was measured, shape (3, h, w) [m].
-        mask: Pixels that are taken for the object, shape (h, w).
+        mask: Pixels that are taken for the object, shape (h, w), as is what is returned.
         free: Pixels that are not known to show anything else, shape (h, w).
         jump: See `edge_pixels` [m].
-
-    Returns:
-        Shape (h, w).
     """
     if not 0 < np.count_nonzero(mask) < SCANTY:
         return mask
@@ -125,10 +110,7 @@ def outline(
         hiding: Pixels that show what is before it.
         corner: Row and column in the image of the first pixel of these arrays, which contain all of
             the body.
-        camera: The camera.
-
-    Returns:
-        In the camera's axes, z forward.
+        camera: The camera, in whose axes the outline is, z forward.
     """
     # The eight neighbours of a point are pixels at an edge, which silhouettes allow for.
     lost = of_body & ~binary_dilation(kept, np.ones((3, 3), dtype=bool))

@@ -216,11 +216,7 @@ class FusedCloud(Frozen):
     ) -> tuple[Mask, Array]:
         """Which points others show again, and the way to those along the normals, (n, 3) [m].
 
-        Args:
-            rows: Points, directions and normals, shape (n, 9).
-            weights: How sure they are, shape (n,).
-            others: What is nearest to each of them, and how sure it is.
-            other_weights: See there.
+        The rows (n, 9) are points, directions and normals; ``others`` are those nearest to them.
         """
         # A view shows a point again that is beside its nearest one by less than this share of a
         # voxel, apart from it by less than a number of standard deviations and a distance [m],

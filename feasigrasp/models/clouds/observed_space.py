@@ -124,11 +124,9 @@ class ObservedSpace(Frozen):
         return cls(np.zeros(shape, dtype=bool), low, voxel_size)
 
     def seen(self, view: DepthView, surroundings: Array) -> Self:
-        """With one more view.
+        """With one more view, and its points (n, 3) that are neither of robot nor object [m].
 
-        Args:
-            view: What the camera saw; robot and object count, as what is in front of them is free.
-            surroundings: The points of the view that are neither, shape (n, 3) [m].
+        What is in front of robot and object is free, too.
         """
         free = self.free.copy()
         # Where something has come, what is behind it was seen before that: it is unknown again.
@@ -146,28 +144,20 @@ class ObservedSpace(Frozen):
         return replace(self, free=free)
 
     def occupied_by(self, center: Array, radius: Array) -> Self:
-        """With the space inside balls, of the arm itself, which is free of anything else.
+        """With the space inside balls of the arm itself, which is free of anything else.
 
-        Args:
-            center: Their centres, shape (n, 3) [m].
-            radius: Their radii, shape (n,) [m].
+        Their centres have the shape (n, 3), their radii (n,) [m].
         """
         free = self.free.copy()
         _balls_kernel(np.ascontiguousarray(center), radius, self.low, self.voxel_size, free)
         return replace(self, free=free)
 
     def hidden(self, points: Array, directions: Array) -> Array:
-        """Centers of unobserved voxels that may belong to observed surfaces.
+        """Centers (k, 3) of unobserved voxels that may belong to observed surfaces [m].
 
         They are connected to the surface through others. Each is behind it or beside its rim, as
-        the point and the normal say from which it was come to.
-
-        Args:
-            points: Points of the surfaces, shape (n, 3) [m].
-            directions: Unit directions to the camera that saw them, shape (n, 3).
-
-        Returns:
-            Shape (k, 3) [m].
+        the point and the normal say from which it was come to. The surfaces are given by points
+        (n, 3) and unit directions to the camera that saw these.
         """
         rows = np.hstack([points, directions])[self._inside(points)]
         keys = voxel_keys(rows[:, :3] - self.low + 0.5 * self.voxel_size, self.voxel_size)

@@ -79,13 +79,9 @@ class ViewFault(StrEnum):
 
 
 def of_one_depth(points: Array, X_WC: Array) -> bool:
-    """Whether all points have the same depth, which no camera measures of an object.
+    """Whether all points (n, 3) in W have the same depth, which no camera measures of an object.
 
     Not even of a plane: it would be at right angles to the camera's axis within a thousandth.
-
-    Args:
-        points: In W, shape (n, 3) [m].
-        X_WC: Pose of the camera, z forward, shape (4, 4).
     """
     depth = (points - X_WC[:3, 3]) @ X_WC[:3, 2]
     # Depths that differ less all over an object are not measured: a camera's noise is larger [m].

@@ -31,14 +31,8 @@ def free_distance(views: Sequence[ViewImage], x: Array) -> Array:
     """Depth of points inside observed free space: a lower bound of their distance to the object.
 
     Beside the silhouette that is the distance to its rim, if it is whole, in front of the seen
-    surface the depth to it; of several views the largest counts.
-
-    Args:
-        views: Views of the object.
-        x: Points in O, shape (n, 3) [m].
-
-    Returns:
-        Shape (n,) [m]; zero or negative where nothing is known.
+    surface the depth to it; of several views the largest counts. For points x (n, 3) in O, shape
+    (n,) [m]; zero or negative where nothing is known.
     """
     best = np.full(len(x), -np.inf)
     points = np.ascontiguousarray(x, dtype=float)
@@ -78,19 +72,12 @@ def _raise_to_free(points, X_OC, pixel, edge, whole, picture, best):
 
 
 def rim_points(view: ViewImage, count: int) -> Array:
-    """Points in free space just outside a silhouette, where the object's hidden side begins.
+    """At most ``count`` points (n, 3) in free space just outside a silhouette, if it is whole [m].
 
-    They lie on lines of sight spread evenly round the silhouette, at the depth of its rim and a
-    part of the object's width behind it: there a surface that bulges out of the silhouette would
-    be. Further back the distance to the silhouette says little about that to the object, and
-    holding it there as a value makes the field invent.
-
-    Args:
-        view: The view.
-        count: Number of points, at most.
-
-    Returns:
-        Shape (n, 3) [m]; none where the silhouette is not whole.
+    There the object's hidden side begins. They lie on lines of sight spread evenly round the
+    silhouette, at the depth of its rim and a part of the object's width behind it: there a surface
+    that bulges out of the silhouette would be. Further back the distance to the silhouette says
+    little about that to the object, and holding it there as a value makes the field invent.
     """
     # Depths of the nodes behind the rim of the silhouette, as a share of the object's width.
     rim_depths = (0.0, 0.4)

@@ -24,13 +24,7 @@ class ColorHistogram(Frozen):
 
     @classmethod
     def learnt(cls, color: NDArray[np.uint8], of_object: Mask, beside: Mask) -> Self:
-        """The histograms of an image.
-
-        Args:
-            color: Shape (h, w, 3).
-            of_object: Pixels of the object, shape (h, w).
-            beside: Pixels of something else.
-        """
+        """The histograms of an image (h, w, 3), of pixels of the object and of something else."""
         # Pixels that every bin has beforehand, of either kind: unseen colors say nothing.
         prior = 5.0
         bins, number = _bins(color), 8**3

@@ -72,11 +72,8 @@ class Components(NamedTuple):
 def find_components(points: Floats, chosen: Mask, p_WC: Array, camera: Camera) -> Components:
     """The components of the chosen pixels, those of fewer than `MIN_PIXELS` left out.
 
-    Args:
-        points: By pixel, row by row, shape (n, 3) [m].
-        chosen: Which pixels, shape (n,); their points are finite.
-        p_WC: Position of the camera, shape (3,) [m].
-        camera: The camera.
+    Points (n, 3) in W and the mask (n,) are given row by row; the points of chosen pixels are
+    finite. The camera is at p_WC (3,) [m].
     """
     number = np.empty(len(points), dtype=np.int32)
     # Largest difference of neighbouring pixels on one surface, in standard deviations.

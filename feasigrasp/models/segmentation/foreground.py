@@ -1,8 +1,8 @@
 """Foreground segmentation of a depth image against the modeled robot and cell.
 
-1. What is known, the robot at its measured joints or the cell that stands still, is not the object
-   (`feasigrasp.models.segmentation.modeled_bodies`), nor is what carries it, if that has a known
-   color (`feasigrasp.models.segmentation.modeled_bodies`).
+1. What is known, the robot at its measured joints or the cell that stands still, is not the object,
+   nor is what carries it, if that has a known color
+   (`feasigrasp.models.segmentation.modeled_bodies`).
 2. What is left is cut into components, `components`; pixels that belong to none (those that fly
    between two surfaces, above all) show nothing clear. What is too large to be grasped, such as a
    wall, is of the surroundings.
@@ -60,7 +60,8 @@ def distance_to(field: DistanceField, points_O: Array, within: float = 0.0) -> A
 
     Infinite for what is farther than ``within`` [m], and than 3 cm, beside its bounds.
     """
-    near = _beside(field.bounds, points_O) <= max(within, 0.03)
+    low, high = field.bounds
+    near = np.maximum(low - points_O, points_O - high).max(axis=1) <= max(within, 0.03)
     distance = np.full(len(points_O), np.inf)
     d, gradient = field.distance_and_gradient(np.ascontiguousarray(points_O[near]))
     distance[near] = np.abs(d) / np.maximum(np.linalg.norm(gradient, axis=1), 0.2)
@@ -68,19 +69,14 @@ def distance_to(field: DistanceField, points_O: Array, within: float = 0.0) -> A
 
 
 def agreeing(
-    components: Components, points: Floats, field: DistanceField, X_WO: Array, slack: float = 0.0
+    components: Components, points: Floats, field: DistanceField, X_WO: Array, slack: float
 ) -> tuple[list[int], Indices]:
     """The components that are of an object with that field at that pose, and single pixels.
 
     A component is the object's if most of it is near the field's zero. What else is near it, amid a
-    larger body that the object touches, is found pixel by pixel.
-
-    Args:
-        components: Of the picture.
-        points: By pixel, shape (n, 3) [m].
-        field: The object's, in O.
-        X_WO: Predicted pose, shape (4, 4).
-        slack: How far off it may be, beside what is usual [m].
+    larger body that the object touches, is found pixel by pixel. The field is in O, the points
+    (n, 3) are given by pixel in W [m], and the pose may be off by ``slack`` [m] beside what is
+    usual.
 
     Returns:
         Numbers of the components, and of the pixels of other components.
@@ -106,15 +102,9 @@ def agreeing(
 
 
 def moved_share(points: Array, before: CameraView, camera: Camera) -> float:
-    """The share of some points that lie where an earlier view has looked through.
+    """The share of a body's points (m, 3) that lie where an earlier view has looked through.
 
-    Args:
-        points: Of one body, shape (m, 3) [m].
-        before: An earlier view.
-        camera: The camera.
-
-    Returns:
-        Of the points that the earlier view would have shown, in [0, 1]; 0 if it shows none.
+    Of those that the earlier view would have shown, in [0, 1]; 0 if it shows none.
     """
     X_CW = inverse_kernel(np.ascontiguousarray(before.X_WC))
     points_C = _to(X_CW, points)
@@ -142,10 +132,7 @@ def moved_share(points: Array, before: CameraView, camera: Camera) -> float:
 def in_box(mask_of: list[Mask], camera: Camera, box: Array) -> int | None:
     """The mask (n,) with the most pixels in a box; None if all have none.
 
-    Args:
-        mask_of: The masks.
-        camera: The camera.
-        box: First column and row, and last ones, as for a click twice the same [px], shape (4,).
+    The box (4,) is first column and row, and last ones, as for a click twice the same [px].
     """
     left, top, right, bottom = np.maximum(np.rint(box).astype(int), [0, 0, -1, -1])
     shape = camera.height, camera.width
@@ -157,11 +144,6 @@ def in_box(mask_of: list[Mask], camera: Camera, box: Array) -> int | None:
 
 def _distance(p: Array, group: Indices, components: Components) -> float:
     return min(float(np.linalg.norm(components.samples[k] - p, axis=1).min()) for k in group)
-
-
-def _beside(bounds: Array, points: Array) -> Array:
-    """How far points (m, 3) are outside a box (2, 3) along the worst axis, (m,)."""
-    return np.asarray(np.maximum(bounds[0] - points, points - bounds[1]).max(axis=1))
 
 
 def _to(X: Array, points: Array) -> Array:
@@ -208,13 +190,8 @@ def segment(
 ) -> NDArray[np.int16]:
     """Labels the pixels of a depth image.
 
-    Args:
-        view: The image.
-        known: What is known besides.
-        kinds: What each pixel shows that is known, see `ModeledBodies.kinds`, or `CARRIER`, shape
-            (n,).
-        p_WH: The object is looked for about this point, that of the hand, shape (3,) [m].
-        camera: The camera.
+    The kinds (n,) say what pixels show that is known, see `ModeledBodies.kinds`, or `CARRIER`. The
+    object is looked for about p_WH (3,) [m], the place of the hand.
 
     Returns:
         A `Label` for each pixel, shape (height, width). Pixels without depth amid the object count

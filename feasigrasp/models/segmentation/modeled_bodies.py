@@ -23,15 +23,10 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 
 
 def in_color_gate(color: NDArray[np.uint8], hue_deg: float) -> Mask:
-    """Mask of pixels with a hue, independent of brightness.
+    """Mask of pixels with a hue, independent of brightness, row by row, (height * width,).
 
-    Args:
-        color: Red, green and blue of each pixel in [0, 255], and more channels, which do not count,
-            shape (height, width, >= 3).
-        hue_deg: The hue [deg]: 0 is red, 120 green, 240 blue.
-
-    Returns:
-        Row by row, shape (height * width,).
+    The hue is 0 for red, 120 for green, 240 for blue [deg]. Of the channels of ``color``, (height,
+    width, >= 3), in [0, 255], the first three count: red, green and blue.
     """
     # A pixel that is paler than this has no hue that could be relied on, nor one darker than that.
     least_saturation, least_value = 0.35, 0.06
@@ -84,10 +79,7 @@ class Boxes(NamedTuple):
 def hand_boxes(gripper: Gripper, X_WG: Array, opening: float) -> Boxes:
     """Fingers, guide and palm of a hand, its mount, and the camera on its bracket.
 
-    Args:
-        gripper: The hand.
-        X_WG: Pose of its grasp frame, shape (4, 4).
-        opening: Distance between its pads [m].
+    Of a hand with its grasp frame at X_WG (4, 4), and its pads ``opening`` apart [m].
     """
     # Half the width of what joins palm and flange; of the bracket that carries the camera, half its
     # width, how far it reaches behind the palm, and how far beyond the camera's middle [m].
@@ -135,16 +127,8 @@ class ModeledBodies:
         """Whether a depth image looks through the cell, by ray casting (slab method).
 
         What is not modeled hides the cell, but an image that shows what is behind it is not of that
-        pose: it is frozen, mirrored or of another time.
-
-        Args:
-            depth: 0 or NaN where nothing was measured and infinite where nothing is, shape
-                (height, width) [m].
-            X_WC: Pose of the camera, shape (4, 4).
-            camera: The camera.
-
-        Returns:
-            None where less than 3 % of the image is of the cell.
+        pose: it is frozen, mirrored or of another time. None where less than 3 % of the image is of
+        the cell. The depth is 0 or NaN where nothing was measured, infinite where nothing is [m].
         """
         # One pixel in this number of rows and columns is compared.
         step = 8

@@ -67,17 +67,10 @@ def check_no_table(points: Array, viewpoint: Array | None) -> None:
 
 
 def largest_plane(points: Array, thickness: float, draws: int) -> Array:
-    """The plane with the most points within ``thickness``, fitted to these by least squares.
+    """The plane with the most points (n, 3) within ``thickness`` [m], fitted to these.
 
-    By random sample consensus (Fischler 1981).
-
-    Args:
-        points: Shape (n, 3), n > 0 [m].
-        thickness: Largest distance of its points [m].
-        draws: Planes through three random points that are tried.
-
-    Returns:
-        Unit normal and offset: ``n . x + d`` is the signed distance of x [m], shape (4,).
+    By random sample consensus (Fischler 1981) of as many draws of three points, and least squares.
+    Unit normal and offset, shape (4,): ``n . x + d`` is the signed distance of x [m].
     """
     rng = np.random.default_rng(0)
     # Points that planes are compared by; the share of a plane is then known to 1 % (one sigma).
