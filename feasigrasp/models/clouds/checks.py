@@ -24,14 +24,9 @@ from feasigrasp.models.clouds.camera import looking_along, projected, stereo_dev
 
 
 def outliers(points: Array, p_OC: ArrayLike | None = None) -> Mask:
-    """Mask of outliers in one view, or in merged views.
+    """Mask (n,) of outliers among finite points (n, 3) of one object [m]; none of very few points.
 
-    Args:
-        points: Finite points of one object, shape (n, 3) [m].
-        p_OC: Position of the camera in the same frame, shape (3,) [m]; None for merged views.
-
-    Returns:
-        Shape (n,); none if there are too few points for a decision.
+    The camera is at p_OC (3,) in the same frame; None for merged views.
     """
     # If more points than this share are far off, those are dropped that are beyond this multiple of
     # it.

@@ -48,11 +48,8 @@ class DepthView(Frozen):
     def of_cloud(cls, points: NDArray[np.floating], X_WC: ArrayLike) -> Self | None:
         """The view that a pixel-ordered cloud shows; None if too few of its pixels have a point.
 
-        The intrinsics are those that map its points to its pixels.
-
-        Args:
-            points: Points by pixel, in W, not finite where nothing was measured, shape (3, h, w).
-            X_WC: Pose of the camera, shape (4, 4).
+        The intrinsics are those that map its points (3, h, w) in W, not finite where nothing was
+        measured, to its pixels.
         """
         # Fewer pixels, or a smaller spread of their directions, do not.
         min_pixels, min_spread = 20, 0.02

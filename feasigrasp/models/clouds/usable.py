@@ -41,13 +41,9 @@ class ViewRecord(Frozen):
         return float(np.arccos(self._cosines(p_OC).max(initial=-1.0)))
 
     def adds_information(self, p_OC: ArrayLike, time: float, n_views: int, revisit: float) -> bool:
-        """Whether a view is worth taking.
+        """Whether a view from p_OC (3,) [m] at a time [s] is worth taking.
 
-        Args:
-            p_OC: Where the camera would be, shape (3,) [m].
-            time: When [s].
-            n_views: Number of views of one side that suffices.
-            revisit: A side not looked at for so long is looked at again [s].
+        Of one side ``n_views`` suffice, unless it was not looked at for ``revisit`` [s].
         """
         distances = np.linalg.norm(self.p_OC, axis=1)
         # A view that is nearer by more than this factor sees finer.

@@ -203,12 +203,9 @@ class ViewImage:
 
 
 def view_image(points: Array, p_OC: Array, outline: Outline | None = None) -> ViewImage:
-    """Draws the picture of a view.
+    """Draws the picture of points (n, 3) of the object that a camera at p_OC (3,) saw, in O [m].
 
-    Args:
-        points: Points of the object that one camera saw, shape (n, 3) [m].
-        p_OC: Position of the camera, shape (3,) [m].
-        outline: Where the object may go on, in O; nowhere if not given.
+    The outline says where the object may go on; nowhere without it.
     """
     R = looking_along(points.mean(axis=0) - p_OC)
     unmeasured = np.zeros((0, 3)) if outline is None else outline.unmeasured

@@ -15,7 +15,7 @@ from feasigrasp.models.grasps.hand_clearance import MARGIN
 from feasigrasp.models.grasps.non_maximum_suppression import LEAST_SCORE, suppress_non_maxima
 from feasigrasp.models.quantities import Count, Share, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.gpdf_fit import Gpdf
+from feasigrasp.models.shape.gpdf import Gpdf
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull, QhullError
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Indices, Mask
-from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
+from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection, contacts
 from feasigrasp.models.grasps.hand_clearance import MARGIN, THIN_WALL, hand_freedom
 from feasigrasp.models.grasps.success_probability import (
     CONTACT,
@@ -30,8 +30,7 @@ from feasigrasp.models.grasps.success_probability import (
 )
 from feasigrasp.models.quantities import CLOUD, POSES, ArrayOf, Positive, Whole
 from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
-from feasigrasp.models.shape.gpdf import unit_normals
-from feasigrasp.models.shape.gpdf_fit import Gpdf
+from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
 
 #: Cosines between opposed contact normals that are tried one after the other. Source: guessed.
 COSINE_STEPS = (-0.8, -0.7, -0.6)
@@ -143,13 +142,6 @@ def filter_grasps(
     return replace(candidates, score=score).select(np.argsort(-score, kind="stable"))
 
 
-def contacts(grasps: GraspSet) -> tuple[Array, Array]:
-    """The two contact points ``c1`` and ``c2 = c1 + w b`` of each grasp, shapes (n, 3), in O."""
-    half = 0.5 * grasps.width[:, None] * grasps.X_OG[:, :3, 0]
-    middle = grasps.X_OG[:, :3, 3]
-    return middle - half, middle + half
-
-
 def contact_cosine(gpdf: Gpdf, grasps: GraspSet) -> Array:
     """Cosine between the contact normals: -1 is a perfect antipodal pair, shape (n,).
 
@@ -244,12 +236,8 @@ def is_wider(
     Then no view of the rest makes it narrower. A bowl or a mug that is seen from above is not. The
     width of a hull, the least distance between two parallel planes with all points between, is
     taken over the planes of its faces (Houle & Toussaint, "Computing the width of a set", IEEE PAMI
-    1988, where pairs of edges count, too: those are hardly closer here).
-
-    Args:
-        points: Of the observed surface, shape (n, 3) [m].
-        normals: Outward unit normals there, shape (n, 3).
-        opening: Of the hand [m].
+    1988, where pairs of edges count, too: those are hardly closer here). Of points (n, 3) with
+    outward unit normals.
     """
     most, off, share = 300, 5e-3, 0.97  # points; [m] below the hull, of so many of them
     points, normals = (each[:: 1 + len(each) // most] for each in (points, normals))

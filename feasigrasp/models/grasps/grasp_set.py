@@ -150,16 +150,17 @@ class GraspSet(Frozen):
 GraspSamplerFn = Callable[[Gpdf], GraspSet]
 
 
+def contacts(grasps: GraspSet) -> tuple[Array, Array]:
+    """The two contact points ``c1`` and ``c2 = c1 + w b`` of each grasp, shapes (n, 3), in O."""
+    half = 0.5 * grasps.width[:, None] * grasps.X_OG[:, :3, 0]
+    middle = grasps.X_OG[:, :3, 3]
+    return middle - half, middle + half
+
+
 def grasp_frames(middle: Array, b: Array, z: Array) -> Array:
-    """Grasp frames [b, z x b, z] in the middles (n, 3) of closing lines along unit b (n, 3).
+    """Grasp frames [b, z x b, z], (n, m, 4, 4), in the middles (n, 3) of closing lines.
 
-    Args:
-        middle: Shape (n, 3) [m].
-        b: Shape (n, 3).
-        z: Approach directions, unit and perpendicular to b, shape (n, m, 3).
-
-    Returns:
-        Shape (n, m, 4, 4).
+    These are along b (n, 3); approach directions z (n, m, 3) are perpendicular to it, all unit.
     """
     X_OG = np.tile(np.eye(4), (*z.shape[:2], 1, 1))
     x = np.broadcast_to(b[:, None], z.shape)

@@ -17,8 +17,7 @@ from feasigrasp.models.grasps.success_probability import (
     probability,
 )
 from feasigrasp.models.robot.gripper import Gripper
-from feasigrasp.models.shape.gpdf import INVENTED, MARGIN_GROWTH, surface_deviation
-from feasigrasp.models.shape.gpdf_fit import Gpdf
+from feasigrasp.models.shape.gpdf import INVENTED, MARGIN_GROWTH, Gpdf, surface_deviation
 from feasigrasp.models.shape.scene_field import SceneField
 
 

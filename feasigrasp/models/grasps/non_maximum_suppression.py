@@ -143,9 +143,12 @@ class GraspHistory(Frozen):
         count = max(len(old), len(found))
         if count == 0:
             return GraspHistory(gpdf, found, self.next_id)
-        ids = np.full(len(found), -1, dtype=np.int64)
         matched_old, matched_new = associate_grasps(old, found)
+        ids = np.full(len(found), -1, dtype=np.int64)
         ids[matched_new] = old.id[matched_old]
+        unknown = ids < 0
+        next_id = self.next_id + int(np.count_nonzero(unknown))
+        ids[unknown] = np.arange(self.next_id, next_id)
 
         good = GraspSet.empty() if recheck is None or not len(old) else recheck(gpdf, old)
         before = dict(zip(old.id.tolist(), old.score, strict=True))
@@ -158,11 +161,7 @@ class GraspHistory(Frozen):
         kept = replace(good, score=np.maximum(score, beside)).select(stays)
 
         new = replace(found, id=ids).select(~np.isin(ids, kept.id))
-        numbers = new.id.copy()
-        unknown = numbers < 0
-        numbers[unknown] = self.next_id + np.arange(np.count_nonzero(unknown))
-        grasps = _merged(kept, replace(new, id=numbers), count)
-        return GraspHistory(gpdf, grasps, self.next_id + int(np.count_nonzero(unknown)))
+        return GraspHistory(gpdf, _merged(kept, new, count), next_id)
 
 
 def associate_grasps(first: GraspSet, second: GraspSet) -> tuple[Indices, Indices]:

@@ -1,7 +1,6 @@
 """The grasp samplers by name, for scenarios and commands."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from typing import Protocol
@@ -59,26 +58,17 @@ class Proposer(Protocol):
         """Filtered grasps in O, best first."""
 
 
-@dataclass(frozen=True, eq=False)
-class Unfiltered:
-    """Unfiltered proposals of a sampler: the paper's sampler without its post-filter.
+def unfiltered(sampler: Proposer, gpdf: Gpdf) -> GraspSet:
+    """Proposals of a sampler, best first: the paper's sampler without its post-filter.
 
     A network's proposals are ranked by its own probabilities, others are all alike; near copies
     are left out.
-
-    Attributes:
-        sampler: The sampler; as many grasps are returned, at most.
     """
-
-    sampler: Proposer
-
-    def __call__(self, gpdf: Gpdf) -> GraspSet:
-        """Grasps in the frame of the field, best first."""
-        X_OG, width, learned = self.sampler.candidates(gpdf)
-        score = learned.prod(axis=1) if isinstance(learned, np.ndarray) else np.ones(len(width))
-        order = np.argsort(-score, kind="stable")
-        grasps = GraspSet(X_OG[order], width[order], score[order], {}, order)
-        return suppress_non_maxima(grasps, self.sampler.n_grasps, least_score=0.0)
+    X_OG, width, learned = sampler.candidates(gpdf)
+    score = learned.prod(axis=1) if isinstance(learned, np.ndarray) else np.ones(len(width))
+    order = np.argsort(-score, kind="stable")
+    grasps = GraspSet(X_OG[order], width[order], score[order], {}, order)
+    return suppress_non_maxima(grasps, sampler.n_grasps, least_score=0.0)
 
 
 def recheck_of(gripper: Gripper) -> Callable[[Gpdf, GraspSet], GraspSet]:
@@ -127,7 +117,7 @@ def make_sampler(
     sampler: Proposer
     if isinstance(gripper, SuctionCup):
         sampler = SuctionSampler(gripper, 2 * n_candidates, n_grasps, least)
-        return sampler if filtered else Unfiltered(sampler)
+        return sampler if filtered else partial(unfiltered, sampler)
     assert isinstance(gripper, ParallelGripper)
     if chosen in plugins("samplers"):
         make = load_plugin("samplers", chosen)
@@ -142,4 +132,4 @@ def make_sampler(
             n_grasps=n_grasps,
             least_score=NetworkSampler.least_score if least_score is None else least_score,
         )
-    return sampler if filtered else Unfiltered(sampler)
+    return sampler if filtered else partial(unfiltered, sampler)

@@ -300,11 +300,8 @@ def unmet_condition(
 ) -> str:
     """The condition for closing the fingers that an approaching hand does not meet, in words.
 
-    Args:
-        X_OH: Pose of the hand in the object, shape (4, 4) [m].
-        grasps: Those that the fingers may close at, in O; at least one.
-        config: Tolerances.
-        measured: Whether the object's pose is measured at present, not extrapolated.
+    Of a hand at X_OH (4, 4) and grasps in O, at least one, that its fingers may close at. The
+    object's pose is ``measured`` at present, or extrapolated.
     """
     if not config.close:
         return ""

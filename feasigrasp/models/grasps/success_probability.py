@@ -10,7 +10,7 @@ says how much is left to chance.
 import numpy as np
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import GraspSet, contacts
 from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation
 
 #: Log odds that contacts are good: constant, per radian of both normals off the closing line, per
@@ -44,8 +44,8 @@ def contact_evidence(gpdf: Gpdf, pairs: GraspSet) -> tuple[Array, Array]:
         Angle between closing line and surface normals, averaged over a patch round each contact,
         shape (n,) [rad]; predicted deviation of the surface there, shape (n,) [m].
     """
-    b, half = pairs.X_OG[:, :3, 0], 0.5 * pairs.width[:, None] * pairs.X_OG[:, :3, 0]
-    first, second = pairs.X_OG[:, :3, 3] - half, pairs.X_OG[:, :3, 3] + half
+    b = pairs.X_OG[:, :3, 0]
+    first, second = contacts(pairs)
     angles = _patch_angle(gpdf, first, -b, pairs) + _patch_angle(gpdf, second, b, pairs)
     return angles, surface_deviation(gpdf, first) + surface_deviation(gpdf, second)
 

@@ -18,8 +18,7 @@ from feasigrasp.models.grasps.seal import LIP, cup_points, strain
 from feasigrasp.models.grasps.success_probability import CLEARANCE, clearance_evidence, probability
 from feasigrasp.models.quantities import Count, Share
 from feasigrasp.models.robot.suction_cup import SuctionCup
-from feasigrasp.models.shape.gpdf import MARGIN_GROWTH, surface_deviation
-from feasigrasp.models.shape.gpdf_fit import Gpdf
+from feasigrasp.models.shape.gpdf import MARGIN_GROWTH, Gpdf, surface_deviation
 
 
 def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:

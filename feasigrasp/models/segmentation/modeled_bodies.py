@@ -153,7 +153,7 @@ class ModeledBodies:
     def kinds(
         self, points: Floats, X_WC: Array, q: Array, opening: float, noise: float
     ) -> NDArray[np.uint8]:
-        """Label of each pixel: `UNOBSERVED`, `ROBOT`, `CELL`, or `FREE` for anything else.
+        """Kind of each pixel, (n,): `UNOBSERVED`, `ROBOT`, `CELL`, or `FREE` for anything else.
 
         Args:
             points: Points of a view in W, not finite where nothing was measured, shape (n, 3) [m].
@@ -161,9 +161,6 @@ class ModeledBodies:
             q: Measured joint positions, shape (7,) [rad].
             opening: Measured distance between the pads [m].
             noise: Of its depths, see `Camera.depth_noise` [1/m].
-
-        Returns:
-            Shape (n,).
         """
         n = self.arm.joints + 1
         R, p = np.empty((n, 3, 3)), np.empty((n, 3))

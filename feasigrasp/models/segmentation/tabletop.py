@@ -22,11 +22,8 @@ def check_no_table(points: Array, viewpoint: Array | None) -> None:
     """Refuses a cloud that is mostly one plane with something on it.
 
     The plane is a table if the rest stands on its one side, that of the camera, and amid it. What
-    lies behind a plane is the rest of a box, and what stands round it the wall of a tray.
-
-    Args:
-        points: The cloud, shape (n, 3) [m].
-        viewpoint: Where the camera was, shape (3,) [m]; None for merged views.
+    lies behind a plane is the rest of a box, and what stands round it the wall of a tray. For
+    merged views there is no viewpoint.
 
     Raises:
         PointCloudError: It shows a table.

@@ -24,7 +24,7 @@ from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.clouds.checks import check_fit, checked_cloud, directions_to_camera
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.quantities import CLOUD, VIEW, Count, Positive
-from feasigrasp.models.shape.gpdf import Gpdf as Gpdf
+from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.node_sums import LOG2_E, MAX_NODE_RADIUS, gram_lower
 
 

@@ -141,12 +141,8 @@ class HiddenSide:
     def thickness(self, picture: Float32) -> tuple[Array, Array]:
         """Thickness of the object behind every pixel, and the spread of what it may be.
 
-        Args:
-            picture: Shape (FEATURES, s, s), s a multiple of 8.
-
-        Returns:
-            Medians and scales of Laplace distributions, in units of the picture's scale, (s, s)
-            each.
+        Medians and scales (s, s) of Laplace distributions, in units of the scale of the picture
+        (FEATURES, s, s), s a multiple of 8.
         """
         half = picture.shape[1] // 2  # blocks of 2 x 2 pixels are looked at together
         blocks = picture.reshape(FEATURES, half, 2, half, 2).transpose(1, 3, 0, 2, 4)

@@ -23,8 +23,7 @@ from feasigrasp.models.grasps.glyphs import (
 )
 from feasigrasp.models.grasps.perceive import Perception
 from feasigrasp.models.robot.gripper import Gripper
-from feasigrasp.models.shape.gpdf import SurfacePoints
-from feasigrasp.models.shape.gpdf_fit import Gpdf
+from feasigrasp.models.shape.gpdf import Gpdf, SurfacePoints
 from feasigrasp.outputs import save_figure
 from feasigrasp.runs.pictures.splats import (
     Viewer,

@@ -17,7 +17,7 @@ from feasigrasp.models.grasps.glyphs import (
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.gripper import Gripper
-from feasigrasp.models.shape.gpdf_fit import Gpdf
+from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 from feasigrasp.systems.ports import declare_input, weakly
 from feasigrasp.systems.station.station import Station

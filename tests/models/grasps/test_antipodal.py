@@ -6,7 +6,8 @@ import trimesh
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
-from feasigrasp.models.grasps.filter import COSINE_STEPS, contacts
+from feasigrasp.models.grasps.filter import COSINE_STEPS
+from feasigrasp.models.grasps.grasp_set import contacts
 from feasigrasp.models.grasps.hand_clearance import MARGIN
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 

@@ -7,10 +7,9 @@ from feasigrasp.errors import GraspError
 from feasigrasp.models.grasps.filter import (
     _holding,
     contact_cosine,
-    contacts,
     filter_grasps,
 )
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import GraspSet, contacts
 from feasigrasp.models.grasps.hand_clearance import hand_clearance
 from feasigrasp.models.grasps.success_probability import (
     CLEARANCE,

@@ -211,14 +211,7 @@ def _add_product(x, y, out):
 
 @compiled
 def contacts_kernel(cloud, w, tilts, outputs):
-    """Writes the outputs per contact.
-
-    Args:
-        cloud: `EncodedCloud`.
-        w: The weights.
-        tilts: Number of vectors that may tilt the closing direction.
-        outputs: `ContactOutputs`, written.
-    """
+    """Writes the `ContactOutputs` of an `EncodedCloud`; ``tilts`` vectors may tilt the axis."""
     encoded, shift, numbers, room, frames, turns, context = cloud
     head_outputs, tilt, free = outputs
     wide_vectors()
