@@ -19,6 +19,7 @@ from feasigrasp.models.control.horizon.law import HorizonOptions
 from feasigrasp.models.control.horizon.program import ProgramOptions
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.control.status import StatusCode
+from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.rigid_object import builtin_objects
 from feasigrasp.models.objects.spring_drive import SPRINGS
@@ -113,7 +114,6 @@ PAPER, FAST = (
 TRACKED = local("smoothing.register_view.tracked_sigma")
 
 CONTROL = "feasigrasp.models.control"
-GRASP_INPUT = "feasigrasp.models.grasps.network.surface_input.grasp_input"
 MOTION = {
     name: load_scenario(diagram_path("dynamic.scenarios.yaml"), name).motion
     for name in ("ReachCircular", "ReachLinear", "ReachSinusoidal", "ReachBezier")
@@ -192,7 +192,7 @@ STATEMENTS = {
             (GRASP.handover_time,),
         ),
         ("so {:g} % of the limits are sent", (100 * IIWA_7.acceleration_share,)),
-        ("At each of {} surface points", (defaults(GRASP_INPUT)["n_points"],)),
+        ("At each of {} surface points", (NetworkSampler.n_points,)),
         ("at steps of at most {:.0f}°", (360 / REACHABILITY["n_arm_angles"],)),
         (
             "covariance floors `({:g} rad)²` and `({:g} mm)²`",

@@ -99,26 +99,24 @@ BEHIND = 0.1
 
 @dataclass(frozen=True, eq=False)
 class ObservedSpace(Frozen):
-    """Observed free voxels of a box; changes with each view.
+    """Observed free voxels of a box, of `SCENE_VOXEL`; changes with each view.
 
     Attributes:
         free: By voxel, shape (nx, ny, nz).
         low: Middle of the first voxel x, y, z [m].
-        voxel_size: Edge length of a voxel [m].
     """
 
     free: Mask
     low: Array
-    voxel_size: float = SCENE_VOXEL
 
     def __post_init__(self) -> None:
         self._freeze(free=self.free, low=np.array(self.low, dtype=float))
 
     @classmethod
-    def unknown(cls, low: Array, size: Array, voxel_size: float = SCENE_VOXEL) -> Self:
+    def unknown(cls, low: Array, size: Array) -> Self:
         """An unobserved box from ``low`` (3,) on, ``size`` (3,) large [m]."""
-        shape = tuple((np.ceil(np.asarray(size) / voxel_size).astype(int) + 1).tolist())
-        return cls(np.zeros(shape, dtype=bool), low, voxel_size)
+        shape = tuple((np.ceil(np.asarray(size) / SCENE_VOXEL).astype(int) + 1).tolist())
+        return cls(np.zeros(shape, dtype=bool), low)
 
     def seen(self, view: DepthView, surroundings: Array) -> Self:
         """With one more view, and its points (n, 3) that are neither of robot nor object [m].
@@ -132,11 +130,11 @@ class ObservedSpace(Frozen):
         # A voxel that this number of points of one view fall into, though it had been seen to be
         # free, holds something that has come since. Fewer may be noise.
         come = np.argwhere((count >= 4) & self.free)
-        _forget_kernel(come, int(np.ceil(BEHIND / self.voxel_size)), free)
+        _forget_kernel(come, int(np.ceil(BEHIND / SCENE_VOXEL)), free)
         # A voxel counts as a whole: its middle is farther than half its diagonal from the surface.
         _look_kernel(
-            self.low, self.voxel_size, view.X_WC, view.pinhole, view.depth,
-            0.5 * np.sqrt(3.0) * self.voxel_size, free,
+            self.low, SCENE_VOXEL, view.X_WC, view.pinhole, view.depth,
+            0.5 * np.sqrt(3.0) * SCENE_VOXEL, free,
         )  # fmt: skip
         return replace(self, free=free)
 
@@ -146,7 +144,7 @@ class ObservedSpace(Frozen):
         Their centres have the shape (n, 3), their radii (n,) [m].
         """
         free = self.free.copy()
-        _balls_kernel(np.ascontiguousarray(center), radius, self.low, self.voxel_size, free)
+        _balls_kernel(np.ascontiguousarray(center), radius, self.low, SCENE_VOXEL, free)
         return replace(self, free=free)
 
     def hidden(self, points: Array, directions: Array) -> Array:
@@ -157,21 +155,21 @@ class ObservedSpace(Frozen):
         (n, 3) and unit directions to the camera that saw these.
         """
         rows = np.hstack([points, directions])[self._inside(points)]
-        keys = voxel_keys(rows[:, :3] - self.low + 0.5 * self.voxel_size, self.voxel_size)
+        keys = voxel_keys(rows[:, :3] - self.low + 0.5 * SCENE_VOXEL, SCENE_VOXEL)
         rows, _ = grouped_means(rows, keys, np.ones(len(rows)))
         at = np.ascontiguousarray(rows[:, :3])
-        normals = _normals(at, rows[:, 3:], 2.5 * self.voxel_size)
-        found = _spread_kernel(self._voxels(at), at, normals, self.low, self.voxel_size, self.free)
-        hidden: Array = self.low + self.voxel_size * found
+        normals = _normals(at, rows[:, 3:], 2.5 * SCENE_VOXEL)
+        found = _spread_kernel(self._voxels(at), at, normals, self.low, SCENE_VOXEL, self.free)
+        hidden: Array = self.low + SCENE_VOXEL * found
         return hidden
 
     def _inside(self, points: Array) -> Mask:
-        index = np.rint((points - self.low) / self.voxel_size)
+        index = np.rint((points - self.low) / SCENE_VOXEL)
         return np.asarray(((index >= 0) & (index < self.free.shape)).all(axis=1))
 
     def _voxels(self, points: Array) -> NDArray[np.int64]:
         """The voxels (m, 3) of those points (n, 3) that are inside the box."""
-        index = np.rint((points[self._inside(points)] - self.low) / self.voxel_size)
+        index = np.rint((points[self._inside(points)] - self.low) / SCENE_VOXEL)
         return index.astype(np.int64)
 
 

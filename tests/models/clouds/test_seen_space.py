@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.clouds.observed_space import BEHIND, BESIDE, DepthView, ObservedSpace
+from feasigrasp.models.clouds.observed_space import (
+    BEHIND,
+    BESIDE,
+    SCENE_VOXEL,
+    DepthView,
+    ObservedSpace,
+)
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 110.0
 LOW, SIZE = np.array([-0.8, -0.8, -0.2]), np.array([1.6, 1.6, 1.4])
@@ -64,12 +70,12 @@ NOTHING = ObservedSpace.unknown(LOW, SIZE)
 
 
 def is_free(space, x):
-    return space.free[*np.rint((np.asarray(x) - space.low) / space.voxel_size).astype(int)]
+    return space.free[*np.rint((np.asarray(x) - space.low) / SCENE_VOXEL).astype(int)]
 
 
 def hides(hidden, x):
     """Whether a point lies in one of the hidden voxels."""
-    return np.abs(hidden - x).max(axis=1).min(initial=np.inf) <= 0.5 * NOTHING.voxel_size + 1e-9
+    return np.abs(hidden - x).max(axis=1).min(initial=np.inf) <= 0.5 * SCENE_VOXEL + 1e-9
 
 
 def test_the_camera_is_found_in_its_cloud():
@@ -90,7 +96,7 @@ def test_a_cloud_that_shows_next_to_nothing_is_no_view(few):
 def test_free_is_exactly_what_lies_before_the_wall():
     """No voxel is free that any part of the wall is in, and half a metre before it most are."""
     space, _, _ = looked(NOTHING, LEVEL, WALL, BACKGROUND)
-    at = space.low + space.voxel_size * np.argwhere(space.free)
+    at = space.low + SCENE_VOXEL * np.argwhere(space.free)
     inside = (at > np.array(WALL[0]) - 0.0125) & (at < np.array(WALL[1]) + 0.0125)
     assert not inside.all(axis=1).any()
     behind = (at[:, 1] > BACK) & (np.abs(at[:, 0]) < HALF) & (at[:, 2] < TOP)
@@ -112,8 +118,8 @@ def test_hidden_back_and_upper_edge_are_kept_clear_of_and_the_free_air_is_not():
     for x in ([0.0, 0.2, 0.2], [0.0, 0.25, 0.5], [0.0, FRONT - 0.05, rim + 0.1], [0.0, 0.7, 0.2]):
         assert not hides(hidden, x)
     # Nothing in front of the wall, nor farther than what may belong to it.
-    assert (hidden[:, 1] > FRONT - NOTHING.voxel_size).all()
-    assert (hidden[:, 1] < FRONT + BEHIND + NOTHING.voxel_size).all()
+    assert (hidden[:, 1] > FRONT - SCENE_VOXEL).all()
+    assert (hidden[:, 1] < FRONT + BEHIND + SCENE_VOXEL).all()
 
 
 def test_a_second_view_from_above_frees_what_is_beyond_the_edge():
