@@ -61,7 +61,7 @@ def hand_freedom(
 
     Args:
         gpdf: Distance field in frame O.
-        grasps: They are n; their scores are the probabilities of their contacts.
+        grasps: n grasps; their scores are the probabilities of their contacts.
         learned: Probability that the hand is free, as a network estimates it, shape (n,); NaN where
             it has no opinion.
         gripper: The hand.
