@@ -36,7 +36,8 @@ def seed_means(X: Array, draws: Array) -> tuple[Indices, float]:
     # Squared distance [rad^2] under which a pose counts as a duplicate of a seed.
     duplicate = 1e-12
     n, quaternions, positions = len(X), se3.quaternions(X), X[:, :3, 3] / LENGTH_SCALE
-    seeds, nearest, chance = [], np.full(n, np.inf), np.ones(n)
+    seeds: list[int] = []
+    nearest, chance = np.full(n, np.inf), np.ones(n)
     for row in draws:
         if seeds and nearest.mean() <= duplicate:
             break
@@ -86,7 +87,7 @@ def fit_riemannian_mixture(
     problem = _Problem(
         np.asarray(X), Stop(max_iterations, tolerance), rotation_floor, translation_floor
     )
-    return problem.seeded(n_components, rng).mixture()
+    return problem.seeded(n_components, rng).mixture
 
 
 @checked(GraspError)
@@ -127,27 +128,22 @@ def fit_best_mixture(
         fits = [problem.seeded(k, rng) for k in range(1, most + 1)]
     else:
         fits = problem.continued(start, most)
-    return min(fits, key=lambda fit: fit.cost(problem, max_rotation)).mixture()
+    return min(fits, key=lambda fit: fit.cost(problem, max_rotation)).mixture
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
     """What EM found, and the log likelihood of the poses under it."""
 
-    weights: Array
-    means: Array
-    covariances: Array
+    mixture: RiemannianMixture
     log_likelihood: float
-
-    def mixture(self) -> RiemannianMixture:
-        return RiemannianMixture(self.weights, self.means, self.covariances)
 
     def cost(self, problem: _Problem, max_rotation: float) -> tuple[bool, float]:
         """Sorts by whether a pose is too far from all means, then by BIC."""
-        criterion = bic(len(self.weights), len(problem.X), self.log_likelihood)
+        criterion = bic(len(self.mixture), len(problem.X), self.log_likelihood)
         if max_rotation >= math.pi:
             return False, criterion
-        cosine = np.abs(se3.quaternions(problem.X) @ se3.quaternions(self.means).T)
+        cosine = np.abs(se3.quaternions(problem.X) @ se3.quaternions(self.mixture.means).T)
         return bool(cosine.max(axis=1).min() < math.cos(0.5 * max_rotation)), criterion
 
 
@@ -204,4 +200,4 @@ class _Problem:
         *found, history = expectation_maximization(
             self.X, weights, means, covariances, self.floor, self.stop
         )
-        return _Fit(*found, history[-1])
+        return _Fit(RiemannianMixture(*found), history[-1])
