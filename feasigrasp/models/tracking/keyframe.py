@@ -14,7 +14,6 @@ from feasigrasp.models.tracking.view import ObjectView
 #: soon as these allow it: once nothing that is known is in the image any more, it is too late.
 #: Source: guessed.
 _OTHER_SIDE, _NEW_PART = np.deg2rad(30.0), 0.25
-_OTHER_VIEW, _OTHER_INLIERS, _OTHER_DEVIATION = 0.35, 0.75, 2.5e-3
 #: Time between keyframes at least [s]; views of one side that suffice; when it is looked at again.
 #: Source: guessed.
 KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
@@ -89,25 +88,18 @@ def is_worth_merging(key: Keyframe, found: Registration, last: float, views: Vie
     # Views of a side after which its keyframes are fewer, and the time between these [s].
     known_side, known_period = 3, 0.4
     new_part = found.new > _NEW_PART
-    if not _good_enough(key, found, other=new_part or views.turned(key.p_OC) > _OTHER_SIDE):
+    other = new_part or views.turned(key.p_OC) > _OTHER_SIDE
+    # A keyframe of another side, or of a known one, shows more than such a share of the known
+    # surface, has more than such a share of its points on the model, and its surface is less than
+    # so far off [m], one standard deviation; less than such a share of the model is beside it.
+    in_view, inliers, deviation = (0.35, 0.75, 2.5e-3) if other else (0.7, 0.85, 1.6e-3)
+    reliable = found.inliers > inliers and found.beside < 0.1
+    if not (reliable and found.in_view > in_view and key.deviation < deviation):
         return False
     if new_part or views.adds_information(key.p_OC, key.time, known_side, _KEY_REVISIT):
         return True
     late = key.time >= last + known_period
     return late and views.adds_information(key.p_OC, key.time, KEY_VIEWS, _KEY_REVISIT)
-
-
-def _good_enough(key: Keyframe, found: Registration, *, other: bool) -> bool:
-    """Whether a pose is good enough to merge the view by it, of another side or of a known one."""
-    # A keyframe shows such a share of the known surface and has such a share of its points on the
-    # model and of the model beside the object; largest distance of the surface, one standard
-    # deviation [m].
-    key_view, key_inliers, key_beside, key_deviation = 0.7, 0.85, 0.1, 1.6e-3
-    in_view = _OTHER_VIEW if other else key_view
-    inliers = _OTHER_INLIERS if other else key_inliers
-    deviation = _OTHER_DEVIATION if other else key_deviation
-    reliable = found.inliers > inliers and found.beside < key_beside
-    return reliable and found.in_view > in_view and key.deviation < deviation
 
 
 def is_cut(view: ObjectView) -> bool:

@@ -25,7 +25,6 @@ polygon meshes from range images", 1994.
 """
 
 from dataclasses import dataclass
-from typing import TypedDict
 
 import numpy as np
 
@@ -79,16 +78,6 @@ class Registration:
         return self.inliers * (1.0 - self.new)
 
 
-class _Shown(TypedDict):
-    """What an image shows of the model, see `Registration`."""
-
-    beside: float
-    in_view: float
-    inside: float
-    covered: float
-    facing: float
-
-
 def register(
     model: TrackedModel,
     view: ObjectView,
@@ -123,9 +112,6 @@ def register(
     wide = widest
     if start is None:
         wide = min(widest, 3.0 * float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0)) + 2e-3)
-    information: Array = np.zeros((6, 6))
-    inlier: Mask = np.zeros(len(x), dtype=bool)
-    at_end: Mask = np.zeros(len(x), dtype=bool)
     gap, nearest = model.tree.query((x - X[:3, 3]) @ X[:3, :3])
     for step in range(_STEPS + 1):
         rotation, center = X[:3, :3], X[:3, 3]
@@ -164,7 +150,9 @@ def register(
         gradient = gradient + rim_rows.T @ (rim_weights * rim_residuals)
         if step == _STEPS:
             break
-        change = -np.linalg.solve(information + prior, gradient + _prior_gradient(prior, X_WO, X))
+        # The prior's gradient: errors are small enough to add up as vectors.
+        gradient = gradient + prior @ pose_error(X_WO, X)
+        change = -np.linalg.solve(information + prior, gradient)
         X = moved(X, change)
         # Steps smaller than this end the search [rad, m].
         if scale < 1e-3 and np.abs(change).max() < 1e-4:
@@ -174,11 +162,6 @@ def register(
     new = float(1.0 - known.mean())
     inliers = float(inlier[known].mean()) if known.any() else 0.0
     return Registration(X, information, inliers, new=new, **shown)
-
-
-def _prior_gradient(prior: Array, X_expected: Array, X: Array) -> Array:
-    """Gradient of e^T P^-1 e / 2; errors are small enough to add up as vectors."""
-    return np.asarray(prior @ pose_error(X_expected, X))
 
 
 def _robust(residual: Array, variance: Array, scale: float) -> Array:
@@ -197,8 +180,11 @@ def _on_plane(model: TrackedModel, gap: Array, nearest: Array, normals: Array) -
 
 def _silhouette(
     model: TrackedModel, view: ObjectView, X_WO: Array
-) -> tuple[Array, Array, Array, _Shown]:
-    """Rows, weights and residuals of model points that the camera sees past, and what it shows."""
+) -> tuple[Array, Array, Array, dict[str, float]]:
+    """Rows, weights and residuals of model points that the camera sees past.
+
+    And what the image shows of the model, by the names of `Registration`.
+    """
     lever, normals_W = model.placed(X_WO[:3, :3])
     points_W = lever + X_WO[:3, 3]
     towards = view.X_WC[:3, 3] - points_W
@@ -208,13 +194,13 @@ def _silhouette(
     shown = view.camera.in_image(points_C)
     inside = float(shown.mean())
     if not facing.any():
-        nothing = _Shown(beside=0.0, in_view=0.0, inside=inside, covered=0.0, facing=0.0)
+        nothing = dict(beside=0.0, in_view=0.0, inside=inside, covered=0.0, facing=0.0)
         return np.zeros((0, 6)), np.zeros(0), np.zeros(0), nothing
     lever, points_C, shown = lever[facing], points_C[facing], shown[facing]
     on = view.on_object(points_C[shown])
     visible = on | ~view.hidden(points_C[shown])  # what a finger is before may be there or not
     found, way = view.beside(points_C)
-    result = _Shown(
+    result = dict(
         beside=float(found.mean()),
         in_view=float(visible.sum() / len(shown)),
         inside=inside,

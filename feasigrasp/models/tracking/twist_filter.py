@@ -219,21 +219,20 @@ def _process_noise(dt: float, coasting: bool) -> Array:
 
     Of one that coasts it disturbs the velocity, and the acceleration is not known any more.
     """
-    turn, go = _TWIST_NOISE**2, (_TWIST_NOISE if coasting else JERK) ** 2
-    moves = {(1, 1): dt**3 / 3.0, (1, 3): dt**2 / 2.0, (3, 3): dt}
-    if not coasting:
-        moves = {(1, 1): dt**5 / 20.0, (1, 3): dt**4 / 8.0, (1, 4): dt**3 / 6.0}
-        moves |= {(3, 3): dt**3 / 3.0, (3, 4): dt**2 / 2.0, (4, 4): dt}
-    turns = {(0, 0): dt**3 / 3.0, (0, 2): dt**2 / 2.0, (2, 2): dt}
-    noise = _spread({k: turn * x for k, x in turns.items()} | {k: go * x for k, x in moves.items()})
+    # Of white noise: integrated once and twice.
+    once = np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+    twice = np.array(
+        [
+            [dt**5 / 20.0, dt**4 / 8.0, dt**3 / 6.0],
+            [dt**4 / 8.0, dt**3 / 3.0, dt**2 / 2.0],
+            [dt**3 / 6.0, dt**2 / 2.0, dt],
+        ]
+    )
+    noise = np.zeros((5, 5))  # of theta, p, dw, dv and da, alike for all three axes
+    noise[np.ix_([0, 2], [0, 2])] = _TWIST_NOISE**2 * once
     if coasting:
-        noise[12:, 12:] = _ACCELERATION_PRIOR**2 * np.eye(3)
-    return noise
-
-
-def _spread(blocks: dict[tuple[int, int], float]) -> Array:
-    """The symmetric matrix (15, 15) with these multiples of the identity (3, 3) as its blocks."""
-    scale = np.zeros((5, 5))
-    for (row, column), value in blocks.items():
-        scale[row, column] = scale[column, row] = value
-    return np.asarray(np.kron(scale, np.eye(3)))
+        noise[np.ix_([1, 3], [1, 3])] = _TWIST_NOISE**2 * once
+        noise[4, 4] = _ACCELERATION_PRIOR**2
+    else:
+        noise[np.ix_([1, 3, 4], [1, 3, 4])] = JERK**2 * twice
+    return np.asarray(np.kron(noise, np.eye(3)))

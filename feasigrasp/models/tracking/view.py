@@ -88,12 +88,8 @@ class ObjectView(Frozen):
         none = np.zeros(len(points_C), dtype=bool), np.zeros((0, 2))
         if self.depth is None or len(self.points_C) == 0:
             return none
-        (left, top), nearest, distance, behind = self._silhouette
-        u, v = self.camera.pixels(points_C)
-        column, row = (np.floor(a / CELL).astype(int) - b for a, b in ((u, left), (v, top)))
-        h, w = distance.shape
-        inside = (row >= 0) & (row < h) & (column >= 0) & (column < w)
-        row, column = np.where(inside, row, 0), np.where(inside, column, 0)
+        _, nearest, distance, behind = self._silhouette
+        row, column, inside = self._cells(points_C)
         found = inside & (distance[row, column] > 2.0)
         found &= behind[row, column] > points_C[:, 2] + _BEHIND
         if not found.any():
@@ -113,13 +109,8 @@ class ObjectView(Frozen):
         """
         if self.depth is None or len(self.points_C) == 0:
             return np.full(len(points_C), len(self.points_C) > 0)
-        (left, top), _, distance, _ = self._silhouette
-        u, v = self.camera.pixels(points_C)
-        column, row = (np.floor(a / CELL).astype(int) - b for a, b in ((u, left), (v, top)))
-        h, w = distance.shape
-        inside = (row >= 0) & (row < h) & (column >= 0) & (column < w)
-        near = distance[np.where(inside, row, 0), np.where(inside, column, 0)] <= 2.0
-        return np.asarray(inside & near)
+        row, column, inside = self._cells(points_C)
+        return np.asarray(inside & (self._silhouette[2][row, column] <= 2.0))
 
     @checked(CameraError)
     def hidden(self, points_C: Annotated[Array, POINTS]) -> Mask:
@@ -159,6 +150,15 @@ class ObjectView(Frozen):
         of_body = kept.copy()
         of_body[tuple(missing[inside].T)] = True
         return outline(kept, of_body, np.zeros_like(kept), (int(top), int(left)), self.camera)
+
+    def _cells(self, points_C: Array) -> tuple[Indices, Indices, Mask]:
+        """Row and column of points in the cells of the silhouette, 0 outside; and who is inside."""
+        (left, top), _, distance, _ = self._silhouette
+        u, v = self.camera.pixels(points_C)
+        column, row = (np.floor(a / CELL).astype(int) - b for a, b in ((u, left), (v, top)))
+        h, w = distance.shape
+        inside = (row >= 0) & (row < h) & (column >= 0) & (column < w)
+        return np.where(inside, row, 0), np.where(inside, column, 0), inside
 
     @cached_property
     def _silhouette(self) -> tuple[tuple[int, int], Indices, Array, Array]:
