@@ -39,48 +39,32 @@ class ObjectTruth:
     broke_off: bool
 
 
-def pushed_metrics(
-    X_WO: Array, X_WP: Array, approach: Mask, period: float
+def displacement_metrics(
+    X_WO: Array, X_WP: Array, approach: Mask, closing: Mask, period: float
 ) -> dict[str, float | None]:
-    """Object displacement before closing.
+    """Object displacement before closing, and while the fingers close.
 
     Args:
         X_WO: True pose of the object, shape (n, 4, 4) [m].
         X_WP: Where its motion would have it at the same time, shape (n, 4, 4).
-        approach: Samples that count, shape (n,); the first `ON_PATH_AFTER` seconds never do.
+        approach: Samples before closing, shape (n,); the first `ON_PATH_AFTER` seconds never count.
+        closing: Samples from the start of closing to letting go, shape (n,).
         period: Time between samples [s].
 
     Returns:
-        ``pushed_mm``, ``pushed_deg``: the largest distance and angle of these samples; None without
-        any.
+        ``pushed_mm``, ``pushed_deg``, ``displaced_mm``, ``turned_deg``: the largest distance and
+        angle of either samples; None without any.
     """
-    counts = approach & (np.arange(len(approach)) * period >= ON_PATH_AFTER)
-    return _largest(X_WO, X_WP, counts, ("pushed_mm", "pushed_deg"))
-
-
-def displaced_metrics(X_WO: Array, X_WP: Array, carried: Mask) -> dict[str, float | None]:
-    """Object displacement while the fingers close.
-
-    Args:
-        X_WO: True pose of the object, shape (n, 4, 4) [m].
-        X_WP: Where its motion would have it at the same time, shape (n, 4, 4).
-        carried: Samples from the start of closing to letting go, shape (n,).
-
-    Returns:
-        ``displaced_mm``, ``turned_deg``: the largest distance and angle of these samples; None
-        without any.
-    """
-    return _largest(X_WO, X_WP, carried, ("displaced_mm", "turned_deg"))
-
-
-def _largest(
-    X_WO: Array, X_WP: Array, counts: Mask, names: tuple[str, str]
-) -> dict[str, float | None]:
-    """Under two names the largest distance and angle of the samples that count."""
-    if not counts.any():
-        return dict.fromkeys(names)
-    distance, angle = _displacement(X_WO[counts], X_WP[counts])
-    return {names[0]: 1e3 * float(distance.max()), names[1]: float(np.rad2deg(angle.max()))}
+    distance, angle = _displacement(X_WO, X_WP)
+    on_path = np.arange(len(approach)) * period >= ON_PATH_AFTER
+    found: dict[str, float | None] = {}
+    for counts, far, turned in (
+        (approach & on_path, "pushed_mm", "pushed_deg"),
+        (closing, "displaced_mm", "turned_deg"),
+    ):
+        found[far] = 1e3 * float(distance[counts].max()) if counts.any() else None
+        found[turned] = float(np.rad2deg(angle[counts].max())) if counts.any() else None
+    return found
 
 
 def closing_speed(X_WP: Array, phase: Array, period: float) -> float | None:

@@ -12,9 +12,8 @@ from feasigrasp.runs.metrics.handling import (
     ObjectTruth,
     closing_speed,
     contact_metrics,
-    displaced_metrics,
+    displacement_metrics,
     hold_metrics,
-    pushed_metrics,
 )
 from feasigrasp.runs.metrics.motion_limits import JointTicks, limit_metrics
 from feasigrasp.runs.metrics.table import METRICS
@@ -145,21 +144,20 @@ def summarize(
         nearest = float(np.min(obstacle_distance))
         result["obstacle_distance_min_mm"] = 1e3 * nearest if math.isfinite(nearest) else None
     result |= _age_metrics(x["view_age"][approach & (x["reachable_grasps"] > 0)])
-    pushed: dict[str, float | None] = {}
+    displaced: dict[str, float | None] = {}
     if truth is not None:
         X_WO = se3.make_pose(se3.so3_exp(_vector(x, "r_WO")), p_WO)
-        pushed = pushed_metrics(X_WO, truth.path, approach, SAMPLE_PERIOD)
-        result |= pushed | contact_metrics(truth.contact)
         carried = np.arange(len(p_WO)) * SAMPLE_PERIOD <= truth.let_go
         closing = carried & (x["phase"] >= Phase.CLOSE)
-        result |= displaced_metrics(X_WO, truth.path, closing)
+        displaced = displacement_metrics(X_WO, truth.path, approach, closing, SAMPLE_PERIOD)
+        result |= displaced | contact_metrics(truth.contact)
         result["closing_speed_m_s"] = closing_speed(truth.path, x["phase"], SAMPLE_PERIOD)
     if closes:
         hold = hold_metrics(se3.inverse(X_OH), p_WO, x["phase"], SAMPLE_PERIOD, lift)
         result |= hold
         if not hold["grasp_held"] or (truth is not None and truth.broke_off):
             slip = 1e-3 * (hold["slip_mm"] or 0.0), math.radians(hold["turn_deg"] or 0.0)
-            result |= not_held(cause_of(Course(x, truth, pushed.get("pushed_mm"), slip)))
+            result |= not_held(cause_of(Course(x, truth, displaced.get("pushed_mm"), slip)))
     for axis, value in zip("xyz", p_WO[-1], strict=True):
         result[f"object_end_{axis}_m"] = float(value)
     return result

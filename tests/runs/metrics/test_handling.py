@@ -12,9 +12,8 @@ from feasigrasp.runs.metrics.handling import (
     ON_PATH_AFTER,
     closing_speed,
     contact_metrics,
-    displaced_metrics,
+    displacement_metrics,
     hold_metrics,
-    pushed_metrics,
 )
 
 PERIOD = 0.02
@@ -27,8 +26,22 @@ def path(n):
     return PATH[:n].copy()
 
 
+def pushed_metrics(X_WO, X_WP, approach):
+    """Of an approach; the fingers never close."""
+    found = displacement_metrics(X_WO, X_WP, approach, np.zeros(len(X_WO), bool), PERIOD)
+    assert (found.pop("displaced_mm"), found.pop("turned_deg")) == (None, None)
+    return found
+
+
+def displaced_metrics(X_WO, X_WP, closing):
+    """Of closing fingers, without an approach."""
+    found = displacement_metrics(X_WO, X_WP, np.zeros(len(X_WO), bool), closing, PERIOD)
+    assert (found.pop("pushed_mm"), found.pop("pushed_deg")) == (None, None)
+    return found
+
+
 def test_an_object_on_its_path_is_not_pushed():
-    pushed = pushed_metrics(path(50), path(50), np.full(50, True), PERIOD)
+    pushed = pushed_metrics(path(50), path(50), np.full(50, True))
     assert pushed["pushed_mm"] == 0.0
     assert pushed["pushed_deg"] == pytest.approx(0.0, abs=1e-5)
 
@@ -38,7 +51,7 @@ def test_pushed_is_the_largest_distance_and_angle_of_the_approach():
     X[30, :3, 3] += [0.003, 0.0, 0.004]
     X[40, :3, :3] = se3.so3_exp([0.0, 0.0, np.deg2rad(20.0)]) @ X[40, :3, :3]
     X[80:, :3, 3] += 0.5  # in the hand: that is no push
-    pushed = pushed_metrics(X, path(100), approach, PERIOD)
+    pushed = pushed_metrics(X, path(100), approach)
     assert pushed["pushed_mm"] == pytest.approx(5.0)
     assert pushed["pushed_deg"] == pytest.approx(20.0)
 
@@ -47,16 +60,16 @@ def test_the_way_onto_the_path_is_no_push():
     start = round(ON_PATH_AFTER / PERIOD)
     X = path(50)
     X[:start, :3, 3] += 0.001
-    assert pushed_metrics(X, path(50), np.full(50, True), PERIOD)["pushed_mm"] == 0.0
+    assert pushed_metrics(X, path(50), np.full(50, True))["pushed_mm"] == 0.0
     X[start, :3, 3] += 0.001
-    assert pushed_metrics(X, path(50), np.full(50, True), PERIOD)["pushed_mm"] > 1.0
+    assert pushed_metrics(X, path(50), np.full(50, True))["pushed_mm"] > 1.0
 
 
 def test_without_an_approach_there_is_no_push():
     expected = {"pushed_mm": None, "pushed_deg": None}
-    assert pushed_metrics(path(50), path(50), np.full(50, False), PERIOD) == expected
+    assert pushed_metrics(path(50), path(50), np.full(50, False)) == expected
     few = round(ON_PATH_AFTER / PERIOD)
-    assert pushed_metrics(path(few), path(few), np.full(few, True), PERIOD) == expected
+    assert pushed_metrics(path(few), path(few), np.full(few, True)) == expected
 
 
 def test_displaced_is_the_largest_distance_and_angle_while_the_fingers_close():
