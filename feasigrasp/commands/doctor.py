@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from enum import StrEnum
+from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
@@ -77,6 +78,9 @@ class Finding(NamedTuple):
     text: str
 
 
+_ok, _problem, _without = (partial(Finding, health) for health in Health)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command: none."""
 
@@ -97,36 +101,31 @@ def _carefully(look: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
     try:
         yield from look()
     except Exception as error:
-        yield Finding(Health.PROBLEM, f"{look.__name__.replace('_', ' ')}: {error}")
+        yield _problem(f"{look.__name__.replace('_', ' ')}: {error}")
 
 
 def libraries() -> Iterator[Finding]:
     """Whether every package that is required can be imported, in a release that is supported."""
     python = ".".join(map(str, sys.version_info[:3]))
-    yield Finding(Health.OK, f"feasigrasp {__version__}, Python {python}")
+    yield _ok(f"feasigrasp {__version__}, Python {python}")
     for entry in requires("feasigrasp") or []:
         if "extra ==" in entry:
             continue
         needed = Requirement(entry)
-        name = needed.name
+        name, mend = needed.name, f"pip install '{entry}'"
         try:
             import_module(_MODULES.get(name, name))
             if needed.specifier.contains(version(name), prereleases=True):
-                yield Finding(Health.OK, f"{name} {version(name)}")
+                yield _ok(f"{name} {version(name)}")
             else:
-                text = (
-                    f"{name} {version(name)} is none of {needed.specifier}: pip install '{entry}'"
-                )
-                yield Finding(Health.PROBLEM, text)
+                yield _problem(f"{name} {version(name)} is none of {needed.specifier}: {mend}")
         except (PackageNotFoundError, ModuleNotFoundError):
-            text = f"{name} is not installed: pip install '{entry}'"
-            if name in _PARTS:
-                yield Finding(Health.WITHOUT, f"{text}, for {_PARTS[name]}")
-            else:
-                yield Finding(Health.PROBLEM, text)
+            text = f"{name} is not installed: {mend}"
+            part = _PARTS.get(name)
+            yield _problem(text) if part is None else _without(f"{text}, for {part}")
         except Exception as error:  # whatever a library stumbles over when it is loaded
             text = f"{name} does not load ({error}): {_REINSTALL} '{entry}', or make setup"
-            yield Finding(Health.PROBLEM, text)
+            yield _problem(text)
 
 
 def rendering() -> Iterator[Finding]:
@@ -136,17 +135,17 @@ def rendering() -> Iterator[Finding]:
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     except subprocess.TimeoutExpired:
-        yield Finding(Health.PROBLEM, f"rendering takes more than two minutes: {mend}")
+        yield _problem(f"rendering takes more than two minutes: {mend}")
         return
     depth = re.search(r"^depth ([\d.]+)$", done.stdout, re.MULTILINE)
     if depth and abs(float(depth[1]) - 0.9) < 1e-3:
-        yield Finding(Health.OK, "rendering: VTK sees a wall where it is")
+        yield _ok("rendering: VTK sees a wall where it is")
     elif depth:
         text = f"rendering: VTK sees a wall at {float(depth[1]):.3f} m that is 0.9 m away"
-        yield Finding(Health.PROBLEM, f"{text}; update the graphics driver")
+        yield _problem(f"{text}; update the graphics driver")
     else:
         why = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
-        yield Finding(Health.PROBLEM, f"rendering fails ({why}): {mend}")
+        yield _problem(f"rendering fails ({why}): {mend}")
 
 
 def threads() -> Iterator[Finding]:
@@ -157,10 +156,9 @@ def threads() -> Iterator[Finding]:
 
     np.ones((2, 2)) @ np.ones((2, 2))  # loads BLAS
     pools = {f"{pool['internal_api']} {pool['num_threads']}" for pool in threadpool_info()}
-    yield Finding(
-        Health.OK,
+    yield _ok(
         f"processors {joblib.cpu_count()}; threads of {', '.join(sorted(pools)) or 'no pool'}; "
-        "a simulation uses one",
+        "a simulation uses one"
     )
 
 
@@ -170,7 +168,7 @@ def compiled_code() -> Iterator[Finding]:
     try:
         kernels = import_module("feasigrasp.models.geometry.se3_kernels")
     except RuntimeError as error:  # numba finds no place
-        yield Finding(Health.PROBLEM, f"compiled code: {error}; {mend}")
+        yield _problem(f"compiled code: {error}; {mend}")
         return
     folder = Path(kernels.inverse_kernel.stats.cache_path)
     package = Path(__file__).parents[1]
@@ -180,9 +178,9 @@ def compiled_code() -> Iterator[Finding]:
     there = next(path for path in (folder, *folder.parents) if path.exists())
     if not os.access(there, os.W_OK):
         text += f", which cannot be written to, so that every run compiles anew: {mend}"
-        yield Finding(Health.PROBLEM, text)
+        yield _problem(text)
     else:
-        yield Finding(Health.OK, text + ("" if size else ": the first run compiles, for minutes"))
+        yield _ok(text + ("" if size else ": the first run compiles, for minutes"))
 
 
 def solids() -> Iterator[Finding]:
@@ -195,10 +193,10 @@ def solids() -> Iterator[Finding]:
     ]
     volume = trimesh.boolean.union(boxes, engine="manifold").volume
     if abs(volume - 1.5) < 1e-6:
-        yield Finding(Health.OK, "meshes: manifold3d unites bodies that overlap")
+        yield _ok("meshes: manifold3d unites bodies that overlap")
     else:
-        text = f"meshes: two boxes of volume 1.5 together have {volume:g}; reinstall manifold3d"
-        yield Finding(Health.PROBLEM, text)
+        mend = "reinstall manifold3d"
+        yield _problem(f"meshes: two boxes of volume 1.5 together have {volume:g}; {mend}")
 
 
 def files() -> Iterator[Finding]:
@@ -210,10 +208,10 @@ def files() -> Iterator[Finding]:
     try:
         for name in _WEIGHTS:
             arrays = read_arrays(WEIGHTS / f"{name}.npz")
-            yield Finding(Health.OK, f"{name}.npz: {len(arrays)} arrays")
-        yield Finding(Health.OK, f"scenarios: {diagram_path('dynamic.scenarios.yaml')}")
+            yield _ok(f"{name}.npz: {len(arrays)} arrays")
+        yield _ok(f"scenarios: {diagram_path('dynamic.scenarios.yaml')}")
     except FeasigraspError as error:
-        yield Finding(Health.PROBLEM, f"{error}: {mend}")
+        yield _problem(f"{error}: {mend}")
 
 
 def scenario() -> Iterator[Finding]:
@@ -224,15 +222,14 @@ def scenario() -> Iterator[Finding]:
         print("note: trying a scenario compiles for minutes, once", file=sys.stderr)
     done = subprocess.run([sys.executable, "-c", _RUN], capture_output=True, text=True)
     if done.returncode == 0:
-        yield Finding(Health.OK, "scenario: ReachLinear runs for 0.2 s, camera included")
+        yield _ok("scenario: ReachLinear runs for 0.2 s, camera included")
         return
     lines = done.stderr.strip().splitlines()[-1:] or done.stdout.strip().splitlines()[:1]
     why = lines[0] if lines else f"status {done.returncode}"
     drake = next((entry for entry in requires("feasigrasp") or [] if entry.startswith("drake")), "")
-    yield Finding(
-        Health.PROBLEM,
+    yield _problem(
         f"scenario: ReachLinear does not run ({why}): pip install --force-reinstall '{drake}', or "
-        "see 'feasigrasp run ReachLinear --duration 0.2' for all of it",
+        "see 'feasigrasp run ReachLinear --duration 0.2' for all of it"
     )
 
 
@@ -240,11 +237,10 @@ def browser() -> Iterator[Finding]:
     """Whether there is a browser that takes pictures of replays."""
     from feasigrasp.runs import replay
 
-    found = replay.browser()
-    if found:
-        yield Finding(Health.OK, f"browser for pictures of replays: {found}")
+    if found := replay.browser():
+        yield _ok(f"browser for pictures of replays: {found}")
     else:
-        yield Finding(Health.WITHOUT, "chromium: no pictures of replays; install chromium")
+        yield _without("chromium: no pictures of replays; install chromium")
 
 
 def messages() -> Iterator[Finding]:
@@ -260,7 +256,7 @@ def messages() -> Iterator[Finding]:
     try:
         sender, receiver = DrakeLcm(LCM_URL), DrakeLcm(LCM_URL)
     except RuntimeError as error:
-        yield Finding(Health.WITHOUT, f"messages: no bus at {LCM_URL} ({error}): {mend}")
+        yield _without(f"messages: no bus at {LCM_URL} ({error}): {mend}")
         return
     came: list[int] = []
     receiver.Subscribe("FEASIGRASP_DOCTOR", lambda data: came.append(len(data)))
@@ -269,12 +265,12 @@ def messages() -> Iterator[Finding]:
         sender.Publish("FEASIGRASP_DOCTOR", bytes(size))
         receiver.HandleSubscriptions(100)
     if came == [size] * 10:
-        yield Finding(Health.OK, f"messages: multicast on the loopback works ({LCM_URL})")
+        yield _ok(f"messages: multicast on the loopback works ({LCM_URL})")
     elif came:
         text = f"messages: {len(came)} of 10 images come over the loopback: raise net.core.rmem_max"
-        yield Finding(Health.WITHOUT, text)
+        yield _without(text)
     else:
-        yield Finding(Health.WITHOUT, f"messages: none comes back over the loopback: {mend}")
+        yield _without(f"messages: none comes back over the loopback: {mend}")
 
 
 #: What is looked at, in this order.

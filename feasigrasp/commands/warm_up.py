@@ -44,7 +44,7 @@ def compile_in_advance(groups: Collection[str]) -> bool:
     print("compiling what runs call: once, for a minute or two", file=sys.stderr, flush=True)
     line.show("loading the functions")
     try:
-        failures = warm_up(groups, lambda progress: line.show(str(progress)))
+        failures = warm_up(groups, line.show)
     finally:
         line.clear()
     for failure in failures:

@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -26,28 +25,15 @@ from feasigrasp.warm_up.kernels import FILE, Kernel, all_callees, load_kernels
 _MODELS = Path(__file__).parents[1] / "models"
 
 
-@dataclass(frozen=True)
-class Progress:
-    """How many functions of all are compiled, and about how long the others take [s]."""
-
-    done: int
-    count: int
-    seconds_left: float
-
-    def __str__(self) -> str:
-        left = f"about {self.seconds_left:.0f} s left"
-        return f"compiled {self.done} of {self.count} functions, {left}"
-
-
 @checked()
 def warm_up(
-    groups: Collection[str], report: Callable[[Progress], None] = lambda progress: None
+    groups: Collection[str], report: Callable[[str], None] = lambda progress: None
 ) -> list[str]:
     """Compiles what runs of these groups call and what is not in numba's cache.
 
     Args:
         groups: Which runs, of `feasigrasp.warm_up.GROUPS`.
-        report: Gets how far it is, whenever a kernel and what it calls are compiled.
+        report: Gets how far it is, in words, when a kernel and what it calls are compiled.
 
     Returns:
         What could not be compiled, and why; a run compiles it when it is called.
@@ -69,8 +55,8 @@ def warm_up(
         for worker in workers:
             worker.kill()
             worker.communicate()
-    if work.left():
-        return [*work.failures, f"{len(work.left())} others: no process is left"]
+    if work.left:
+        return [*work.failures, f"{len(work.left)} others: no process is left"]
     for group in groups:
         write_text(_stamp(group), _key())
     return work.failures
@@ -81,13 +67,18 @@ class _Work:
 
     A function that several kernels call should be compiled once: who is free takes the kernel that
     shares the least with those that are being compiled, and of these the one with the least to do.
+
+    Attributes:
+        failures: What could not be compiled, and why.
+        left: Kernels that no worker has taken; at the end those for which none was left.
     """
 
-    def __init__(self, kernels: Sequence[Kernel], report: Callable[[Progress], None]) -> None:
+    def __init__(self, kernels: Sequence[Kernel], report: Callable[[str], None]) -> None:
         self.failures: list[str] = []
+        self.left = set(kernels)
         self._report = report
         self._callees = {kernel: _callees_of(kernel) for kernel in kernels}
-        self._left, self._doing = set(kernels), set[Kernel]()
+        self._doing = set[Kernel]()
         self._all = {k: n for callees in self._callees.values() for k, n in callees.items()}
         self._compiled: set[str] = set()
         self._lock, self._begun = threading.Lock(), time.monotonic()
@@ -106,13 +97,9 @@ class _Work:
             if not answer:
                 return
 
-    def left(self) -> list[Kernel]:
-        """Work without a worker, because all of them died."""
-        return list(self._left)
-
     def _take(self) -> Kernel | None:
         with self._lock:
-            if not self._left:
+            if not self.left:
                 return None
             busy = set[str]().union(*(self._callees[kernel] for kernel in self._doing))
             busy -= self._compiled
@@ -122,8 +109,8 @@ class _Work:
                 shared = sum(length for name, length in callees if name in busy)
                 return shared, sum(n for name, n in callees if name not in self._compiled)
 
-            kernel = min(self._left, key=rank)
-            self._left.remove(kernel)
+            kernel = min(self.left, key=rank)
+            self.left.remove(kernel)
             self._doing.add(kernel)
             return kernel
 
@@ -136,7 +123,8 @@ class _Work:
             done = sum(self._all[name] for name in self._compiled)
             passed = time.monotonic() - self._begun
             seconds_left = passed * (sum(self._all.values()) / done - 1.0)
-            self._report(Progress(len(self._compiled), len(self._all), seconds_left))
+            left = f"about {seconds_left:.0f} s left"
+            self._report(f"compiled {len(self._compiled)} of {len(self._all)} functions, {left}")
 
 
 def _callees_of(kernel: Kernel) -> dict[str, int]:
@@ -164,15 +152,12 @@ def cache_folder() -> Path:
 @checked()
 def is_warm(groups: Collection[str]) -> bool:
     """Whether all that these runs call is compiled, for this processor and of these sources."""
-    return all(_is_this(_stamp(group)) for group in groups)
+    stamps = map(_stamp, groups)
+    return all(stamp.is_file() and stamp.read_text() == _key() for stamp in stamps)
 
 
 def _stamp(group: str) -> Path:
     return cache_folder() / f"warm-up-{group}.stamp"
-
-
-def _is_this(stamp: Path) -> bool:
-    return stamp.is_file() and stamp.read_text() == _key()
 
 
 @cache

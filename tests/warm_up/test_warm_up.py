@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -38,7 +39,7 @@ told = []
 print(is_warm(["task"]))
 print(warm_up(["task"], told.append))
 print(is_warm(["task"]), is_warm(["joint"]))
-print(told[-1].done == told[-1].count, told[-1].seconds_left)
+print(told[-1])
 """
 
 
@@ -83,7 +84,8 @@ def test_it_compiles_once_and_says_what_it_cannot(tmp_path):
     script.write_text(SCRIPT)
     here = {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": PACKAGE.parent}
     before, failures, after, told = in_a_process(script, file, **here)
-    assert (before, after, told) == ("False", "True False", "True 0.0")
+    assert (before, after) == ("False", "True False")
+    assert re.fullmatch(r"compiled (\d+) of \1 functions, about 0 s left", told)
     assert "no_such_kernel" in failures and failures.count("Error") == 1
     compiled = {path.name: path.stat().st_mtime_ns for path in cache.rglob("*.nbc")}
     for name in ("pose_jacobian_kernel", "inverse_kernel"):

@@ -324,19 +324,10 @@ def _crease_normals(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     # Edges sharper than this stay sharp in the shading [rad].
     smooth = mesh.face_adjacency_angles < np.radians(40.0)
-    pairs, edges = mesh.face_adjacency[smooth], mesh.face_adjacency_edges[smooth]
     # A node per corner; corners of two smoothly joined faces at a common vertex are one.
-    corner_of = {
-        (int(f), int(v)): 3 * f + k for f, face in enumerate(faces) for k, v in enumerate(face)
-    }
-    links = np.array(
-        [
-            (corner_of[int(f), int(v)], corner_of[int(g), int(v)])
-            for (f, g), edge in zip(pairs, edges, strict=True)
-            for v in edge
-        ],
-        dtype=int,
-    ).reshape(-1, 2)
+    pairs = np.repeat(mesh.face_adjacency[smooth], 2, axis=0)
+    common = mesh.face_adjacency_edges[smooth].reshape(-1, 1, 1)
+    links = 3 * pairs + np.argmax(faces[pairs] == common, axis=2)
     label = trimesh.graph.connected_component_labels(links, faces.size)
     weighted = (mesh.face_normals[:, None] * mesh.face_angles[..., None]).reshape(-1, 3)
     normals = np.zeros((label.max() + 1, 3))
