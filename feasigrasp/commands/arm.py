@@ -17,7 +17,7 @@ from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.arm_choices import camera_above, chosen_home, close_pairs
 from feasigrasp.models.robot.arm_file import arm_from
 from feasigrasp.models.robot.urdf_arm import describe_urdf
-from feasigrasp.outputs import replacing
+from feasigrasp.outputs import write_text
 from feasigrasp.resources import model_path
 from feasigrasp.systems.station.directives import loading, packaged_cell
 
@@ -75,8 +75,7 @@ def main(args: argparse.Namespace) -> int:
     head = f"# Written by feasigrasp arm {args.urdf.name} --flange {args.flange}.\n"
     head += "".join(f"# Beware: {warning}.\n" for warning in warnings)
     text = head + yaml.safe_dump(given, sort_keys=False, default_flow_style=None, width=100)
-    with replacing(args.file) as file:
-        file.write(text.encode())
+    write_text(args.file, text)
     print(f"{args.file}: {arm.joints} joints, {given['family']}, {len(arm.pairs)} pairs")
     print("\n".join(f"beware: {warning}" for warning in warnings))
     return 0

@@ -44,7 +44,12 @@ def realsense(
             while images are read: none comes any more.
         CameraError: The depth image is distorted.
     """
-    rs = _library()
+    try:
+        import pyrealsense2 as rs
+    except ImportError as error:
+        raise HardwareError(
+            f"a RealSense is read by pyrealsense2 ({error}); pip install pyrealsense2"
+        ) from error
     pipeline, config = rs.pipeline(), rs.config()
     config.enable_stream(rs.stream.depth, width, height, rs.format.z16, rate)
     config.enable_stream(rs.stream.color, width, height, rs.format.rgb8, rate)
@@ -61,16 +66,6 @@ def realsense(
     finally:
         with suppress(RuntimeError):  # of a camera that is unplugged
             pipeline.stop()
-
-
-def _library() -> Any:
-    try:
-        import pyrealsense2
-    except ImportError as error:
-        raise HardwareError(
-            f"a RealSense is read by pyrealsense2 ({error}); pip install pyrealsense2"
-        ) from error
-    return pyrealsense2
 
 
 def _camera_info(rs: Any, profile: Any) -> CameraInfo:

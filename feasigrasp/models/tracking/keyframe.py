@@ -52,14 +52,9 @@ def keyframe_of(
     *,
     begun_at: float = -np.inf,
 ) -> Keyframe:
-    """A view as a keyframe, without its outline: most are looked at and not merged.
+    """A view of an object at X_WO (4, 4) as a `Keyframe`.
 
-    Args:
-        view: The view.
-        X_WO: Pose of the object in it, shape (4, 4).
-        time: When it was taken [s].
-        deviation: How far the surface may be from there, across itself [m].
-        begun_at: Time of the first view of this O [s].
+    It has no outline yet: most keyframes are looked at and not merged.
     """
     # Largest number of points of a keyframe: what more there are of a near object are closer
     # together than the model is fine.

@@ -85,7 +85,6 @@ def register(
     covariance: Array,
     *,
     start: Array | None = None,
-    # Points of an image that are used, at most; they are spread over it.
     points: int = 450,
 ) -> Registration:
     """Finds the pose.
@@ -96,7 +95,7 @@ def register(
         X_WO: Expected pose, shape (4, 4).
         covariance: Of its error [theta, p], shape (6, 6).
         start: Where the search starts, if not there, shape (4, 4).
-        points: Points of the image that are used, at most.
+        points: Points of the image that are used, at most; they are spread over it.
     """
     # At the start of the search they are allowed to be so large [m], at most.
     widest = 0.012

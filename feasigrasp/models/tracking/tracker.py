@@ -211,13 +211,7 @@ def track(
 
 
 def _along_its_path(before: FieldTrack, last: TwistFilter, gap: float) -> tuple[Array, Array]:
-    """Pose and twist of an object out of sight whose path is known; it slows down on it.
-
-    Args:
-        before: What was known before.
-        last: Where it was seen last.
-        gap: How long ago [s].
-    """
+    """Pose and twist of an object that was last seen ``gap`` [s] ago; it slows down on its path."""
     motion = MotionEstimate(before.measured_motion, last.time, last.X_WO)
     way = _SLOWING * (1.0 - np.exp(-gap / _SLOWING))
     X, after = future_poses(motion, last.X_WO, last.V_WO, [way, way + _STEP])

@@ -116,13 +116,6 @@ def _time(row: str, over: Over, term: str, meaning: str) -> Metric:
     return Metric(_TIME, "ms", term, meaning, averaged=False, rows=(figure,))
 
 
-def _end(axis: str) -> Metric:
-    """A coordinate of the object at the end."""
-    meaning = "in W"
-    term = f"final object position, {axis}"
-    return Metric(_GRASP, "m", term, meaning, -math.inf, averaged=False)
-
-
 #: Every metric of a run, in the order of the record.
 # fmt: off
 METRICS: dict[str, Metric] = {
@@ -144,7 +137,8 @@ METRICS: dict[str, Metric] = {
     "lift_cm": Metric(_GRASP, "cm", "lift height",
         "height at the end above that at release",
         lower=-math.inf, main=False),
-    **{f"object_end_{axis}_m": _end(axis) for axis in "xyz"},
+    **{f"object_end_{axis}_m": Metric(_GRASP, "m", f"final object position, {axis}",
+        "in W", -math.inf, averaged=False) for axis in "xyz"},
     "gripper_object_distance_cm_mean": Metric(_APPROACH, "cm", "gripper-object distance",
         "mean of `\\|p_HO\\|`; not zero for a grasp off the center of mass"),
     "gripper_object_distance_cm_median": Metric(_APPROACH, "cm", "median of that distance",
