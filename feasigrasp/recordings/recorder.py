@@ -29,12 +29,8 @@ def realsense(
 ) -> Iterator[tuple[CameraInfo, Iterator[DepthFrame]]]:
     """Starts the first RealSense that is plugged in, and stops it at the end.
 
-    The color image is put on the pixels of the depth image, which stays as it was measured.
-
-    Args:
-        width: Of both images [px].
-        height: Of both images [px].
-        rate: Images per second.
+    Both images have that width and height [px], and come at that rate [Hz]. The color image is put
+    on the pixels of the depth image, which stays as it was measured.
 
     Yields:
         The depth camera, and its images as they come.
@@ -155,15 +151,10 @@ def check_new_recording(folder: Path) -> None:
 def recorded(
     folder: str | Path, camera: CameraInfo, frames: Iterable[DepthFrame]
 ) -> Iterator[DepthFrame]:
-    """Hands on images as they come, each when it is written.
+    """Hands on the images of a camera as they come, each when it is written.
 
-    Whenever it ends, the folder is a whole recording: an image is named in ``depth.txt`` when its
-    file is complete.
-
-    Args:
-        folder: The folder; it is made if need be.
-        camera: Of which camera the images are.
-        frames: The images.
+    The folder is made if need be. Whenever it ends, it is a whole recording: an image is named in
+    ``depth.txt`` when its file is complete.
 
     Raises:
         OutputError: It cannot be written, e.g. because the disk is full.

@@ -43,8 +43,7 @@ class Fault:
     def check(self, name: str) -> None:
         """Checks the values, which are set one by one when a scenario is read.
 
-        Args:
-            name: What the fault is called in a message, e.g. ``faults[0]``.
+        Messages call the fault by the name, e.g. ``faults[0]``.
 
         Raises:
             ScenarioError: A value out of range, not a number, or a vector that is not x, y and z.

@@ -31,11 +31,9 @@ class CloudFault(Fault):
     """A fault of what the camera measures; derive from it."""
 
     def seen(self, view: View, rng: np.random.Generator) -> Array:
-        """The points that the camera delivers instead, as many, shape (3, n).
+        """The points that the camera delivers instead of a view's, as many, shape (3, n).
 
-        Args:
-            view: What it would have delivered.
-            rng: What is random is drawn from it.
+        What is random is drawn from ``rng``.
         """
         raise NotImplementedError
 

@@ -35,12 +35,7 @@ WITHDRAWS = {
 
 
 def carrier_mesh(kind: CarrierKind, surface_C: trimesh.Trimesh) -> trimesh.Trimesh:
-    """The surface of a carrier in C.
-
-    Args:
-        kind: Which one; not ``none``.
-        surface_C: The object's surface in C.
-    """
+    """The surface of a carrier, which is not ``none``, in C; from that of the object in C."""
     # Points that stand for a surface.
     amid, _ = trimesh.sample.sample_surface(surface_C, 6000, seed=0)
     points = np.concatenate([surface_C.vertices, amid])  # vertices are its ends
@@ -117,9 +112,7 @@ class DistractorBody:
     def pose(self, t: float, since: float) -> Array:
         """``X_WC`` at time t [s], shape (4, 4).
 
-        Args:
-            t: Time [s].
-            since: How long the object has been let go [s], 0 while it is carried.
+        ``since`` is how long the object has been let go [s], 0 while it is carried.
         """
         raise NotImplementedError
 
@@ -140,13 +133,9 @@ class Carrier(DistractorBody):
     def of(
         cls, kind: CarrierKind, obj: RigidObject, motion: ObjectMotion, hue: float | None
     ) -> Self:
-        """The carrier of an object that starts where its motion does.
+        """The carrier, which is not ``none``, of an object that starts where its motion does.
 
-        Args:
-            kind: Which one; not ``none``.
-            obj: What it carries.
-            motion: Where it carries it.
-            hue: Of its color [deg]; None for that of skin.
+        ``hue`` is that of its color [deg]; None for that of skin.
         """
         # Colour of a carrier without a hue of its own, and saturation and value of one with it.
         skin, vivid = (0.80, 0.58, 0.45), (0.9, 0.85)

@@ -90,14 +90,9 @@ def decimate(mesh: trimesh.Trimesh, max_faces: int) -> tuple[trimesh.Trimesh, tu
 
 
 def decimate_within(mesh: trimesh.Trimesh, tolerance: float) -> trimesh.Trimesh:
-    """A closed mesh with fewer faces whose surface stays within a tolerance, by edge collapse.
+    """A closed mesh with fewer faces whose surface stays within a tolerance [m], by edge collapse.
 
-    Args:
-        mesh: A closed mesh [m].
-        tolerance: Largest distance between the two surfaces [m].
-
-    Returns:
-        A closed mesh; the given one if it is none that manifold3d takes for the surface of a solid.
+    It is the given one if that is none that manifold3d takes for the surface of a solid.
     """
     fine = _manifold(mesh)
     if fine.status() != Error.NoError:
@@ -136,11 +131,7 @@ def _clean(vertices: Array, faces: NDArray[Any]) -> trimesh.Trimesh:
 
 
 def read_surface(path: Path, scale: float = 1.0) -> trimesh.Trimesh:
-    """Reads the surface of a mesh file, open or closed, of one body or several [m].
-
-    Args:
-        path: Any mesh file that trimesh reads.
-        scale: Factor from the units of the file to metres.
+    """Reads the surface of a mesh file, open or closed, of one body or several; see `read_solid`.
 
     Raises:
         MeshError: If the file is missing or unreadable, or has no faces or NaN.

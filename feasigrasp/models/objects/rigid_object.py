@@ -214,10 +214,7 @@ def find_objects(directory: str | Path) -> dict[str, Path]:
 def write_mesh(obj: RigidObject, path: str | Path, *, tolerance: float | None = None) -> None:
     """Writes the surface in frame O (origin at the centre of mass) as OBJ with vertex normals.
 
-    Args:
-        obj: The object.
-        path: The file.
-        tolerance: With fewer faces, as far as the surface stays this near [m]; None for all faces.
+    With a tolerance [m] it has fewer faces, as far as the surface stays that near.
     """
     vertices = np.asarray(obj.vertices, dtype=float).tobytes()
     write_text(path, _obj_text(vertices, np.asarray(obj.faces, dtype=int).tobytes(), tolerance))

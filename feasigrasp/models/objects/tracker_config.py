@@ -54,12 +54,9 @@ class TrackerConfig:
 
 
 def measured_pose(X_WO: Array, time: float, config: TrackerConfig) -> Array | None:
-    """Measurement of a motion-capture system at a time [s]; None for a lost one.
+    """Measurement of the true pose X_WO (4, 4) by motion capture; None for a lost one.
 
-    Args:
-        X_WO: The true pose, shape (4, 4).
-        time: When; the errors depend on it and on the seed only.
-        config: What the system is like.
+    The errors depend on the time [s] and on the seed only.
     """
     if max(config.position_noise, config.rotation_noise, config.dropout) == 0.0:
         return X_WO

@@ -53,13 +53,7 @@ class Tracking(Frozen):
 
     @classmethod
     def of_age(cls, age: float, silence: float, jumping: bool = False) -> Self:
-        """The state of a tracker whose measurements have been missing for ``age`` seconds.
-
-        Args:
-            age: Time since a measurement was due [s]; infinite if there was none yet.
-            silence: After this long the object is lost [s].
-            jumping: See `Tracking`.
-        """
+        """The state of a tracker at an age, see `Tracking`; lost from ``silence`` [s] on."""
         if age == float("inf"):
             state = TrackingState.SEARCHING
         elif age >= silence:

@@ -40,8 +40,7 @@ class HandEyeError:
     def draw(self, rng: np.random.Generator) -> Array:
         """The calibrated pose in the frame of the true camera, X_CB, (4, 4).
 
-        Args:
-            rng: Draws the directions of both errors; the sizes are what they are.
+        The directions of both errors are drawn; the sizes are what they are.
         """
         axes = rng.standard_normal((2, 3))
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)

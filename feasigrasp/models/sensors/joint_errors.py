@@ -52,13 +52,7 @@ class DrawnJointErrors:
     """The errors of one arm."""
 
     def __init__(self, errors: JointErrors, largest: Array, seed: int) -> None:
-        """Draws them.
-
-        Args:
-            errors: Their sizes.
-            largest: Largest torques of the n joints, shape (n,) [Nm].
-            seed: Of the arm.
-        """
+        """Draws errors of these sizes for an arm whose largest torques are (n,) [Nm]."""
         n, rng = len(largest), np.random.default_rng([seed, _JOINTS])
         self._noise = errors.torque_noise * largest
         self._step, self._seed = np.deg2rad(errors.encoder_step_deg), seed
@@ -75,12 +69,9 @@ class DrawnJointErrors:
         return np.asarray(measured)
 
     def torque(self, torque: Array, q: Array, time: float) -> Array:
-        """Reported external torques, shape (n,) [Nm].
+        """Reported external torques, shape (n,) [Nm], for the true ones at true positions q [rad].
 
-        Args:
-            torque: True ones, shape (n,) [Nm].
-            q: True joint positions, shape (n,) [rad].
-            time: When [s]; equal times have equal noise.
+        Equal times [s] have equal noise.
         """
         rng = np.random.default_rng([self._seed, _JOINTS, round(1e6 * time)])
         stays = self._torque * (self._constant + np.sin(q + self._phase))

@@ -32,11 +32,7 @@ def registered(
 ) -> Registration:
     """Registration from the expected pose, or from where the points are if that is far off.
 
-    Args:
-        model: The object.
-        view: An image of it.
-        X_WO: Expected pose, shape (4, 4).
-        covariance: Of its error [theta, p], shape (6, 6).
+    The arguments are those of `register`.
     """
     # Beyond such a step of the center of what is visible a registration may be out of reach [m].
     large = 0.008

@@ -253,10 +253,7 @@ def shows_model(found: Registration) -> bool:
 def is_found(found: Registration, *, any_orientation: bool = False) -> bool:
     """Acceptance test of a relocalized pose.
 
-    Args:
-        found: The pose.
-        any_orientation: Whether it was searched for at all orientations, where some wrong one fits
-            as well.
+    At ``any_orientation``, where it was searched for at all of them, some wrong one fits as well.
     """
     # A pose that is not where it was expected has so much of the points on the model, of the model
     # beside the object, and of what is in view seen; and if any turn was tried.

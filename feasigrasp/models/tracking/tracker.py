@@ -265,12 +265,9 @@ def _one_view(information: Array, views: int) -> Array:
 def _located(
     before: FieldTrack, view: ObjectView, gap: float
 ) -> tuple[FieldTrack, Registration | None]:
-    """Where a view shows the object.
+    """Where a view shows the object, which ``before`` expects somewhere at the time of the view.
 
-    Args:
-        before: With the estimate of where it is expected at the time of the view.
-        view: The view.
-        gap: Time since the last pose [s].
+    The last pose was got ``gap`` [s] ago.
 
     Returns:
         What is known after it, and how the view fits; ``before`` and None if it gives no pose, but

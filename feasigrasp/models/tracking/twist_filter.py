@@ -132,11 +132,9 @@ class TwistFilter(Frozen):
         return V_WO
 
     def predicted(self, time: float, *, coasting: bool = False) -> TwistFilter:
-        """The estimate at a later time, with nothing measured in between.
+        """The estimate at a later time [s], with nothing measured in between.
 
-        Args:
-            time: When [s].
-            coasting: Whether the twist dies away.
+        The twist of an object that is ``coasting`` dies away.
         """
         dt = time - self.time
         if dt <= 0.0:

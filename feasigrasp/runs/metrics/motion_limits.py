@@ -42,10 +42,7 @@ def limit_metrics(ticks: JointTicks) -> dict[str, float | None]:
 
     Velocities and accelerations sent are first and second differences of the positions sent, from
     rest on: nothing that says what they should have been is looked at. The true acceleration is
-    that of `true_accelerations`.
-
-    Args:
-        ticks: At least one tick.
+    that of `true_accelerations`. There has to be a tick.
 
     Returns:
         ``velocity_limit_violation_percent`` (of ticks by what was sent, or of simulated steps by
