@@ -84,9 +84,9 @@ def is_worth_merging(key: Keyframe, found: Registration, last: float, views: Vie
     known_side, known_period = 3, 0.4
     new_part = found.new > _NEW_PART
     other = new_part or views.turned(key.p_OC) > _OTHER_SIDE
-    # A keyframe of another side, or of a known one, shows more than such a share of the known
-    # surface, has more than such a share of its points on the model, and its surface is less than
-    # so far off [m], one standard deviation; less than such a share of the model is beside it.
+    # A keyframe of another side, or of a known one: least share of the known surface that it shows,
+    # least share of its points on the model, and largest standard deviation of its surface [m]; of
+    # either, less than this share of the model is beside the object.
     in_view, inliers, deviation = (0.35, 0.75, 2.5e-3) if other else (0.7, 0.85, 1.6e-3)
     reliable = found.inliers > inliers and found.beside < 0.1
     if not (reliable and found.in_view > in_view and key.deviation < deviation):
