@@ -15,7 +15,7 @@ from feasigrasp.models.grasps import perceive
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.segmentation.tabletop import tabletop
 from feasigrasp.recordings import captured_points, read_depth_folder
-from feasigrasp.recordings.unaided import UnaidedTracker
+from feasigrasp.recordings.unaided import TrackerImage, UnaidedTracker
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 
@@ -95,7 +95,8 @@ def test_masks_are_used_wherever_they_are(cases, name):
     tracker = UnaidedTracker(recording.camera)
     for k in range(len(recording.files)):
         mask = recording.mask(k)
-        tracker = tracker.looked(recording.depth(k), recording.X_WC[k], recording.times[k], mask)
+        now = recording.X_WC[k], float(recording.times[k])
+        tracker = tracker.looked(TrackerImage(recording.depth(k), *now, mask))
         assert tracker.tracker.track.measured_at == recording.times[k]
         # The object of the mask, and not the nearer one beside it.
         u, _ = recording.camera.pixels(tracker.tracker.track.estimate.X_WO[None, :3, 3])
@@ -140,7 +141,8 @@ def test_a_real_cube_is_followed_from_one_mask(shared_data, tmp_path):
     for k in range(20):
         images = recording.mask(k), recording.color(k)
         time = float(recording.times[k])
-        tracker = tracker.looked(recording.depth(k), recording.X_WC[k], time, *images)
+        image = TrackerImage(recording.depth(k), recording.X_WC[k], time, *images)
+        tracker = tracker.looked(image)
         track = tracker.tracker.track
         assert track.measured_at == time
         poses.append(track.estimate.X_WO)

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from feasigrasp.commands.record import add_camera_arguments, opened
-from feasigrasp.commands.track import TrackerImage, step
+from feasigrasp.commands.track import step
 from feasigrasp.errors import HardwareError, PointCloudError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.camera import Camera
@@ -28,7 +28,7 @@ from feasigrasp.recordings.camera_file import CameraInfo
 from feasigrasp.recordings.folder import decimation
 from feasigrasp.recordings.images import check_box, decimated, picked
 from feasigrasp.recordings.recorder import DepthFrame, check_new_recording, recorded
-from feasigrasp.recordings.unaided import UnaidedTracker
+from feasigrasp.recordings.unaided import TrackerImage, UnaidedTracker
 from feasigrasp.runs.live import CameraView
 from feasigrasp.runs.replay import quiet_meshcat
 from feasigrasp.runs.results.arguments import add_box

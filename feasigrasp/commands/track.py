@@ -13,22 +13,20 @@ poses are written as TUM's trajectories are, its shape as a cloud.
 import argparse
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.segmentation.tabletop import check_no_table
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.outputs import check_outputs, replacing
 from feasigrasp.recordings.folder import DepthFolder, read_depth_folder
 from feasigrasp.recordings.images import check_box
-from feasigrasp.recordings.unaided import UnaidedTracker
+from feasigrasp.recordings.unaided import TrackerImage, UnaidedTracker
 from feasigrasp.runs.results.arguments import add_box, factor, output, positive
 
 
@@ -87,16 +85,6 @@ def check_size(points: Array, gpdf: Gpdf) -> None:
         )
 
 
-class TrackerImage(NamedTuple):
-    """What `UnaidedTracker.looked` takes in."""
-
-    depth: Array
-    X_WC: Array
-    time: float
-    mask: Mask | None = None
-    color: NDArray[np.uint8] | None = None
-
-
 def step(tracker: UnaidedTracker, image: TrackerImage) -> tuple[UnaidedTracker, Array | None]:
     """The tracker after an image, and X_WO if that gave a pose.
 
@@ -104,7 +92,7 @@ def step(tracker: UnaidedTracker, image: TrackerImage) -> tuple[UnaidedTracker, 
         PointCloudError: The first view of the object shows a table.
     """
     had_shape = tracker.tracker.shape.gpdf is not None
-    tracker = tracker.looked(*image)
+    tracker = tracker.looked(image)
     shape, track = tracker.tracker.shape, tracker.tracker.track
     if shape.gpdf is not None and not had_shape:
         check_size(shape.cloud.points, shape.gpdf)
@@ -125,10 +113,8 @@ def followed(recording: DepthFolder, tracker: UnaidedTracker) -> tuple[UnaidedTr
     """
     poses = np.full((len(recording.files), 4, 4), np.nan)
     for k in tqdm(range(len(recording.files)), unit="image", desc="tracking"):
-        images = recording.mask(k), recording.color(k)
-        image = TrackerImage(
-            recording.depth(k), recording.X_WC[k], float(recording.times[k]), *images
-        )
+        now = recording.X_WC[k], float(recording.times[k])
+        image = TrackerImage(recording.depth(k), *now, recording.mask(k), recording.color(k))
         tracker, X_WO = step(tracker, image)
         if X_WO is not None:
             poses[k] = X_WO

@@ -42,6 +42,24 @@ class _Expected(NamedTuple):
         return self.age > 0.1
 
 
+class TrackerImage(NamedTuple):
+    """One image for an `UnaidedTracker`.
+
+    Attributes:
+        depth: 0 or not finite where nothing was measured, shape (height, width) [m].
+        X_WC: Pose of the camera, z forward, shape (4, 4); an image without (NaN) is left out.
+        time: When it was taken [s].
+        mask: Which pixels show the object, if given, shape (height, width).
+        color: Colors of the same pixels, if there are any, shape (height, width, 3).
+    """
+
+    depth: Array
+    X_WC: Array
+    time: float
+    mask: Mask | None = None
+    color: NDArray[np.uint8] | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class UnaidedTracker(Frozen):
     """A tracker of whatever is before a camera, image by image.
@@ -66,26 +84,13 @@ class UnaidedTracker(Frozen):
     colors: ColorHistogram | None = None
     X_WO: Array | None = None
 
-    def looked(
-        self,
-        depth: Array,
-        X_WC: Array,
-        time: float,
-        mask: Mask | None = None,
-        color: NDArray[np.uint8] | None = None,
-    ) -> UnaidedTracker:
+    def looked(self, image: TrackerImage) -> UnaidedTracker:
         """Takes in an image, and merges it if it is worth it.
-
-        Args:
-            depth: 0 or not finite where nothing was measured, shape (height, width) [m].
-            X_WC: Pose of the camera, z forward, shape (4, 4); an image without (NaN) is left out.
-            time: When it was taken [s].
-            mask: Which pixels show the object, if given, shape (height, width).
-            color: Colors of the same pixels, if there are any, shape (height, width, 3).
 
         Raises:
             PointCloudError: There is no table in the first image.
         """
+        depth, X_WC, time, mask, color = image
         if not np.isfinite(X_WC).all():
             return self
         depth = np.where(np.isfinite(depth) & (depth > self.camera.near), depth, 0.0)
@@ -93,7 +98,7 @@ class UnaidedTracker(Frozen):
         window = np.s_[:, :] if mask is not None else self._window(X_WC, expected)
         part = replace(self, camera=self.camera.cropped(*window))
         color = None if color is None else color[window]
-        now, points = part._segmented(depth[window], X_WC, expected, mask, color)
+        now, points = part._segmented(image._replace(depth=depth[window], color=color), expected)
         view = ObjectView(self.camera, X_WC, points, depth)
         return replace(now, camera=self.camera, tracker=self.tracker.looked(view, time).learnt())
 
@@ -116,14 +121,10 @@ class UnaidedTracker(Frozen):
         )
 
     def _segmented(
-        self,
-        depth: Array,
-        X_WC: Array,
-        expected: _Expected | None,
-        mask: Mask | None,
-        color: NDArray[np.uint8] | None,
+        self, image: TrackerImage, expected: _Expected | None
     ) -> tuple[UnaidedTracker, Array]:
         """With the plane and the colors of an image, and the object's points, shape (n, 3)."""
+        depth, X_WC, _, mask, color = image
         points = self._points(depth, X_WC)
         seen: Mask = np.asarray(np.isfinite(points).all(axis=1))
         now = self._with_plane(points, seen, X_WC, expected, mask)

@@ -11,14 +11,14 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from feasigrasp import cli
-from feasigrasp.commands.track import TrackerImage, step
+from feasigrasp.commands.track import step
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.recordings import CameraInfo, DepthFrame, read_depth_folder
 from feasigrasp.recordings.recorder import _SETTLING
-from feasigrasp.recordings.unaided import UnaidedTracker
+from feasigrasp.recordings.unaided import TrackerImage, UnaidedTracker
 from feasigrasp.runs.live import CameraView
 from feasigrasp.runs.replay import quiet_meshcat
 from tests import fake_realsense
