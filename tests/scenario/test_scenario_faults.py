@@ -45,7 +45,7 @@ def test_every_fault_comes_back_from_its_text(kind):
         if isinstance(value, list):
             setattr(fault, entry.name, [0.5, -0.25, 0.125])
         else:
-            low, high = (entry.metadata[bound] for bound in ("low", "high"))
+            low, high, _ = entry.metadata["span"]
             setattr(fault, entry.name, type(value)(min(max(3, low), high)))
     fault.every = 7.5
     assert parse_scenario(dump_scenario(scenario)).faults == [fault] != [kind()]

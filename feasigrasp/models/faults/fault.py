@@ -1,29 +1,18 @@
 """Fault models: active interval and value ranges; faults of poses, fields and commands."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.choices import key
 from feasigrasp.models.geometry import se3
 
 #: An instant that is this little before the start belongs to the fault [s]: rounding of times.
 #: Source: numerical.
 _INSTANT = 1e-9
-
-
-def number(default: float, low: float, high: float = math.inf) -> Any:
-    """A field of a fault that holds a number from ``low`` to ``high``."""
-    return field(default=default, metadata={"low": low, "high": high})
-
-
-def vector(default: Sequence[float], low: float, high: float) -> Any:
-    """A field of a fault that holds x, y and z, each from ``low`` to ``high``."""
-    return field(default_factory=lambda: list(default), metadata={"low": low, "high": high})
 
 
 @dataclass
@@ -36,9 +25,9 @@ class Fault:
         every: It comes again this long after each beginning [s]; ``.inf`` for once only.
     """
 
-    start: float = number(0.0, 0.0, 1e9)
-    duration: float = number(math.inf, 0.0)
-    every: float = number(math.inf, 0.0)
+    start: float = key(0.0, 0.0, 1e9, "s")
+    duration: float = key(math.inf, 0.0, math.inf, "s")
+    every: float = key(math.inf, 0.0, math.inf, "s")
 
     def check(self, name: str) -> None:
         """Checks the values, which are set one by one when a scenario is read.
@@ -49,7 +38,7 @@ class Fault:
             ScenarioError: A value out of range, not a number, or a vector that is not x, y and z.
         """
         for entry in fields(self):
-            value, low, high = getattr(self, entry.name), *map(entry.metadata.get, ("low", "high"))
+            value, (low, high, _) = getattr(self, entry.name), entry.metadata["span"]
             where = f"{name} (!{type(self).__name__}): {entry.name} is {value}"
             if isinstance(value, list) and len(value) != 3:
                 raise ScenarioError(f"{where}; give x, y and z")
@@ -118,9 +107,9 @@ class PoseJump(PoseFault):
         axis: Axis of that turn, in the object's frame.
     """
 
-    by: list[float] = vector([0.1, 0.0, 0.0], -10.0, 10.0)
-    turn_deg: float = number(30.0, -360.0, 360.0)
-    axis: list[float] = vector([1.0, 0.0, 0.0], -1.0, 1.0)
+    by: list[float] = key([0.1, 0.0, 0.0], -10.0, 10.0, "m")
+    turn_deg: float = key(30.0, -360.0, 360.0, "deg")
+    axis: list[float] = key([1.0, 0.0, 0.0], -1.0, 1.0)
 
     def measured(self, X_WO: Array, past: Array, rng: np.random.Generator) -> Array:
         """The pose, turned and moved."""
@@ -153,9 +142,9 @@ class PoseLate(PoseFault):
         rotation_noise_deg: The same about each axis [deg].
     """
 
-    delay: float = number(0.1, 0.0, 10.0)
-    position_noise: float = number(0.005, 0.0, 1.0)
-    rotation_noise_deg: float = number(3.0, 0.0, 180.0)
+    delay: float = key(0.1, 0.0, 10.0, "s")
+    position_noise: float = key(0.005, 0.0, 1.0, "m")
+    rotation_noise_deg: float = key(3.0, 0.0, 180.0, "deg")
 
     def depth(self, period: float) -> int:
         """Number of periods in the delay."""
@@ -179,7 +168,7 @@ class PerceptionLate(Fault):
         delay: How late [s].
     """
 
-    delay: float = number(1.5, 0.0, 100.0)
+    delay: float = key(1.5, 0.0, 100.0, "s")
 
 
 @dataclass
@@ -208,7 +197,7 @@ class CommandWild(CommandFault):
         speed: How fast [rad/s].
     """
 
-    speed: float = number(1e6, 0.0)
+    speed: float = key(1e6, 0.0, math.inf, "rad/s")
 
     def command(self, qd: Array, rng: np.random.Generator) -> Array:
         """The speed with signs that are drawn."""

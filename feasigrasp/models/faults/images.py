@@ -7,7 +7,8 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.faults.fault import Fault, number
+from feasigrasp.models.choices import key
+from feasigrasp.models.faults.fault import Fault
 
 
 class View(NamedTuple):
@@ -107,8 +108,8 @@ class Outliers(CloudFault):
         size: How far they are off along their rays, towards the camera or away from it [m].
     """
 
-    share: float = number(0.05, 0.0, 1.0)
-    size: float = number(0.05, 0.0, 10.0)
+    share: float = key(0.05, 0.0, 1.0)
+    size: float = key(0.05, 0.0, 10.0, "m")
 
     def seen(self, view: View, rng: np.random.Generator) -> Array:
         """Pixels drawn anew for every image."""
@@ -139,8 +140,8 @@ class MaskShifted(MaskFault):
         rows: How far down [pixels].
     """
 
-    columns: int = number(10, -10000, 10000)
-    rows: int = number(0, -10000, 10000)
+    columns: int = key(10, -10000, 10000, "px")
+    rows: int = key(0, -10000, 10000, "px")
 
     def mask(self, of_object: Mask) -> Mask:
         """The mask moved; nothing comes in from outside the image."""
@@ -161,7 +162,7 @@ class MaskEroded(MaskFault):
         pixels: Its width.
     """
 
-    pixels: float = number(10.0, 0.0, 10000.0)
+    pixels: float = key(10.0, 0.0, 10000.0, "px")
 
     def mask(self, of_object: Mask) -> Mask:
         """The pixels that are farther than that from every other pixel."""
@@ -178,7 +179,7 @@ class MaskDilated(MaskFault):
         pixels: Its width.
     """
 
-    pixels: float = number(10.0, 0.0, 10000.0)
+    pixels: float = key(10.0, 0.0, 10000.0, "px")
 
     def mask(self, of_object: Mask) -> Mask:
         """The pixels that are at most that far from one of the object."""

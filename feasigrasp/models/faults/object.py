@@ -1,12 +1,14 @@
 """Disturbances of the object: change of speed, jump, external force."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.faults.fault import Fault, number, vector
+from feasigrasp.models.choices import key
+from feasigrasp.models.faults.fault import Fault
 from feasigrasp.models.objects.motion import ObjectMotion
 
 
@@ -18,7 +20,7 @@ class ObjectFault(Fault):
         ramp: How long the change itself takes, at the beginning and after the end [s].
     """
 
-    ramp: float = number(0.2, 0.01, 100.0)
+    ramp: float = key(0.2, 0.01, 100.0, "s")
 
     def changes(self, t: float) -> tuple[list[tuple[float, float]], int]:
         """The changes until time t, and how often the fault has come and gone altogether.
@@ -47,7 +49,7 @@ class ObjectPace(ObjectFault):
         factor: Of its speed: 0 stops it, -1 turns it back.
     """
 
-    factor: float = number(0.0, -20.0, 20.0)
+    factor: float = key(0.0, -20.0, 20.0)
 
     def own_time(self, t: float) -> tuple[float, float, float]:
         """Offset of the path time at time t [s], and its first two derivatives."""
@@ -71,8 +73,8 @@ class ObjectMoved(ObjectFault):
         ramp: How long it takes there, and back [s].
     """
 
-    to: list[float] = vector([1.3, 0.0, 0.55], -10.0, 10.0)
-    ramp: float = number(1.5, 0.01, 100.0)
+    to: list[float] = key([1.3, 0.0, 0.55], -10.0, 10.0, "m")
+    ramp: float = key(1.5, 0.01, 100.0, "s")
 
     def share(self, t: float) -> tuple[float, float, float]:
         """Share of the displacement at time t, from 0 to 1, and its first two derivatives."""
@@ -94,9 +96,9 @@ class ObjectPulled(Fault):
         speed: Who pulls lets go of an object that is faster [m/s].
     """
 
-    duration: float = number(0.5, 0.0)
-    force: list[float] = vector([0.0, 0.0, -150.0], -1000.0, 1000.0)
-    speed: float = number(2.0, 0.01, 20.0)
+    duration: float = key(0.5, 0.0, math.inf, "s")
+    force: list[float] = key([0.0, 0.0, -150.0], -1000.0, 1000.0, "N")
+    speed: float = key(2.0, 0.01, 20.0, "m/s")
 
     def pulls(self, t: float, speed: float) -> bool:
         """Whether it pulls at time t [s] at an object with that speed [m/s]."""
