@@ -11,7 +11,6 @@ from feasigrasp.commands.run import (
     add_lcm_option,
     add_scenario_name,
     add_scenario_options,
-    add_speed_option,
     load,
 )
 from feasigrasp.systems.hardware import guard
@@ -22,7 +21,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_scenario_name(parser)
     add_scenario_options(parser)
-    add_speed_option(parser)
     add_lcm_option(parser)
 
 

@@ -89,7 +89,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="Write joints, commands, poses and the chosen grasp here, at every tick of the "
         "control; see docs/results_schema.md.",
     )
-    add_speed_option(parser)
     parser.add_argument("--graphviz", type=Path, metavar="FILE", help="Draw the diagram and stop.")
     parser.add_argument(
         "--hardware",
@@ -109,17 +108,6 @@ def add_lcm_option(parser: argparse.ArgumentParser) -> None:
     """Adds the option for the URL of the LCM bus."""
     parser.add_argument(
         "--lcm-url", default=LCM_URL, metavar="URL", help="Address of the drivers' messages."
-    )
-
-
-def add_speed_option(parser: argparse.ArgumentParser) -> None:
-    """Adds the option for the share of the arm's velocity limits."""
-    parser.add_argument(
-        "--speed",
-        type=share,
-        metavar="PERCENT",
-        help="Share of the arm's velocity limits that may be used, e.g. 20%% or 0.2. Default: the "
-        f"scenario's, else 100%%; on hardware {100 * HARDWARE_SPEED:.0f}%%.",
     )
 
 
@@ -145,6 +133,13 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, help=f"Random seed. {_OF_SCENARIO}")
     parser.add_argument(
         "--duration", type=float, help=f"Longest simulated time, in seconds. {_OF_SCENARIO}"
+    )
+    parser.add_argument(
+        "--speed",
+        type=share,
+        metavar="PERCENT",
+        help="Share of the arm's velocity limits that may be used, e.g. 20%% or 0.2. Default: the "
+        f"scenario's, else 100%%; on hardware {100 * HARDWARE_SPEED:.0f}%%.",
     )
 
 

@@ -347,9 +347,7 @@ def measured(
 class _Monitor:
     """Ends the run when the grasp is over, the object has fallen, or after Ctrl-C.
 
-    It says how far the run is.
-
-    It looks twice per sample.
+    It looks twice per sample, and says how far the run is.
     """
 
     def __init__(
