@@ -125,7 +125,9 @@ class UnaidedTracker(Frozen):
     ) -> tuple[UnaidedTracker, Array]:
         """With the plane and the colors of an image, and the object's points, shape (n, 3)."""
         depth, X_WC, _, mask, color = image
-        points = self._points(depth, X_WC)
+        z = np.where(depth > 0.0, depth, np.nan)
+        points_C = unproject(z, self.camera.intrinsics).reshape(3, -1).T
+        points: Array = np.asarray(points_C @ X_WC[:3, :3].T + X_WC[:3, 3])
         seen: Mask = np.asarray(np.isfinite(points).all(axis=1))
         now = self._with_plane(points, seen, X_WC, expected, mask)
         kinds = now._kinds(points, seen, X_WC)
@@ -140,12 +142,6 @@ class UnaidedTracker(Frozen):
             beside = ~binary_dilation(chosen, iterations=2)
             now = replace(now, colors=ColorHistogram.learnt(color, used, beside))
         return now, points[used.ravel()]
-
-    def _points(self, depth: Array, X_WC: Array) -> Array:
-        """By pixel in the world, NaN where nothing was measured, shape (n, 3) [m]."""
-        z = np.where(depth > 0.0, depth, np.nan)
-        points_C = unproject(z, self.camera.intrinsics).reshape(3, -1).T
-        return np.asarray(points_C @ X_WC[:3, :3].T + X_WC[:3, 3])
 
     def _expected(self, time: float) -> _Expected | None:
         """What is expected of an image; None before the first."""

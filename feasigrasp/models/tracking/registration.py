@@ -104,8 +104,9 @@ def register(
     observed_within, guess_share = 4e-3, 0.5
     every = -(-len(view.points_W) // points)
     x, x_C = view.points_W[::every], view.points_C[::every]
-    # Least standard deviation of a residual: bumps of the model [m].
-    sensor = view.sigma(x_C) ** 2 + 5e-4**2
+    # Variance of the depth [m^2]; a residual's standard deviation is at least that of bumps of the
+    # model [m].
+    sensor = (view.camera.depth_noise * np.square(x_C[:, 2])) ** 2 + 5e-4**2
     prior: Array = np.asarray(np.linalg.inv(covariance), dtype=float)
     X: Array = X_WO if start is None else start
     wide = widest

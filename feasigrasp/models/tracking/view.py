@@ -69,11 +69,6 @@ class ObjectView(Frozen):
         return np.asarray((points_W - self.X_WC[:3, 3]) @ self.X_WC[:3, :3])
 
     @checked(CameraError)
-    def sigma(self, points_C: Annotated[Array, POINTS]) -> Array:
-        """Standard deviation of the depth of points (n, 3), shape (n,) [m]."""
-        return self.camera.depth_noise * np.square(points_C[:, 2])
-
-    @checked(CameraError)
     def beside(self, points_C: Annotated[Array, POINTS]) -> tuple[Mask, Array]:
         """Mask of model points at pixels without the object, and their distance to it.
 

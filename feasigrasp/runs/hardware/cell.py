@@ -88,10 +88,6 @@ class ReceivedCommands:
         lasted = 1e-6 * (self._utime[-1] - self._utime[0]) / channels.IIWA_PERIOD
         return max(0, round(lasted) + 1 - len(set(self._utime)))
 
-    def gaps(self) -> Array:
-        """Times between requests [s], shape (n - 1,)."""
-        return np.diff(self.requests)
-
 
 def simulate_cell(
     scenario: Scenario,
@@ -177,7 +173,7 @@ def _judged(
     beyond = (sent < arm.driver.lower) | (sent > arm.driver.upper)
     driver = diagram.GetSubsystemByName("driver")
     stopped = driver.GetOutputPort("stopped").Eval(driver.GetMyContextFromRoot(context))
-    gaps = 1e3 * received.gaps()
+    gaps = 1e3 * np.diff(received.requests)
     report = {
         "first_request_s": received.first,
         "commands": len(sent),

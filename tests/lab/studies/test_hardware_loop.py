@@ -134,7 +134,7 @@ def test_what_was_heard_is_what_was_sent():
     assert received.first == 1.0
     assert received.missing == received.late == received.unusable == 1
     np.testing.assert_array_equal(received.positions, Q)
-    np.testing.assert_allclose(received.gaps(), [0.005, 0.010, 0.010])
+    np.testing.assert_allclose(np.diff(received.requests), [0.005, 0.010, 0.010])
 
 
 @pytest.fixture
