@@ -2,8 +2,10 @@
 
 import subprocess
 import sys
+from importlib import import_module
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 _SCRIPT = """
 import os
@@ -26,3 +28,17 @@ def test_one_thread_whether_libraries_are_loaded_before_or_inside(before, monkey
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     subprocess.run([sys.executable, "-c", _SCRIPT.format(before=before)], check=True)
+
+
+@pytest.mark.parametrize("command", ["live", "perceive", "track"])
+def test_a_command_computes_with_one_thread(command):
+    class Begun(Exception):
+        pass
+
+    class Arguments:
+        def __getattr__(self, name):
+            raise Begun([pool["num_threads"] for pool in threadpool_info()])
+
+    with threadpool_limits(2), pytest.raises(Begun) as caught:
+        import_module(f"feasigrasp.commands.{command}").main(Arguments())
+    assert set(caught.value.args[0]) == {1}

@@ -23,6 +23,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler, sampler_names
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.one_thread import one_thread
 from feasigrasp.outputs import check_folder
 from feasigrasp.recordings.camera_file import CameraInfo
 from feasigrasp.recordings.folder import decimation
@@ -111,6 +112,7 @@ class _Session:
         self.page.show(self._note or words, picked(frame.color, self._factor), X_CO)
 
 
+@one_thread()
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     if args.record is not None:

@@ -26,6 +26,7 @@ from feasigrasp.models.grasps.perceive import Perception, perceive
 from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.models.segmentation.tabletop import tabletop
+from feasigrasp.one_thread import one_thread
 from feasigrasp.outputs import check_outputs
 from feasigrasp.recordings.images import captured_points, holds_depth
 from feasigrasp.resources import model_path
@@ -181,6 +182,7 @@ def _check_options(args: argparse.Namespace) -> None:
         raise FeasigraspError(f"--seed {args.seed}: give a number from 0 on")
 
 
+@one_thread()
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     if args.cloud is not None and holds_depth(args.cloud):

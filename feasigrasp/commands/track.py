@@ -23,6 +23,7 @@ from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.segmentation.tabletop import check_no_table
 from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.one_thread import one_thread
 from feasigrasp.outputs import check_outputs, replacing
 from feasigrasp.recordings.folder import DepthFolder, read_depth_folder
 from feasigrasp.recordings.images import check_box
@@ -121,6 +122,7 @@ def followed(recording: DepthFolder, tracker: UnaidedTracker) -> tuple[UnaidedTr
     return tracker, poses
 
 
+@one_thread()
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     poses_file = args.poses or Path("out/track") / f"{args.folder.resolve().name}.txt"
