@@ -1,11 +1,11 @@
-"""Declares abstract ports, caches and states from functions that return values."""
+"""Declares abstract ports, caches and states from functions; adds systems with their inputs."""
 
 from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
 from enum import Enum
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,12 @@ from pydrake.systems.framework import (
     CacheEntry,
     Context,
     DependencyTicket,
+    DiagramBuilder,
     InputPort,
     LeafSystem,
     OutputPort,
     State,
+    System,
     ValueProducer,
 )
 
@@ -26,6 +28,7 @@ from feasigrasp.models.arguments import Check, check_of
 from feasigrasp.models.quantities import Call, Refusal
 
 Calc = Callable[[Context], Any]
+_System = TypeVar("_System", bound=System)
 
 
 class Nothing(Enum):
@@ -191,6 +194,18 @@ class PeriodicState(ObjectState):
         """Declares the state; ``update`` returns what it is from then on."""
         super().__init__(system, initial)
         self.every(system, period, 0.0, update)
+
+
+def add_connected(
+    builder: DiagramBuilder, name: str, system: _System, *first: OutputPort, **named: OutputPort
+) -> _System:
+    """Adds a system to a diagram, with sources of its ``first`` inputs, and of others by name."""
+    builder.AddNamedSystem(name, system)
+    for index, source in enumerate(first):
+        builder.Connect(source, system.get_input_port(index))
+    for port, source in named.items():
+        builder.Connect(source, system.GetInputPort(port))
+    return system
 
 
 def weakly(method: Callable[..., Any]) -> Callable[..., Any]:

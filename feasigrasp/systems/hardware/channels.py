@@ -28,10 +28,13 @@ from drake import (
 from numpy.typing import NDArray
 from pydrake.lcm import DrakeLcm
 from pydrake.manipulation import kIiwaLcmStatusPeriod
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
 
 from feasigrasp.errors import HardwareError
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.ports import add_connected
 
 #: Multicast that stays on this computer.
 LCM_URL = "udpm://239.255.76.67:7667?ttl=0"
@@ -50,6 +53,9 @@ OBJECT_POSE = "FEASIGRASP_OBJECT_POSE"
 IIWA_PERIOD, WSG_PERIOD = kIiwaLcmStatusPeriod, 0.05
 #: The order in which a pose is sent, that of Drake's floating joints.
 POSE_NAMES = ["qw", "qx", "qy", "qz", "x", "y", "z"]
+
+#: Messages that systems in Python read and write; those of the others are Drake's own, in C++.
+_OF_PYTHON = (lcmt_robot_state, lcmt_image_array)
 
 
 class MaskLabel(IntEnum):
@@ -88,6 +94,34 @@ def subscribe(lcm: DrakeLcm, channel: str, receive: Callable[..., None], *given:
             call(*given, data)
 
     return lcm.Subscribe(channel, handle)
+
+
+def add_publisher(
+    builder: DiagramBuilder,
+    channel: str,
+    kind: type,
+    lcm: DrakeLcm,
+    message: OutputPort,
+    period: float,
+    offset: float = 0.0,
+) -> None:
+    """Adds what sends the messages of a port, every ``period`` [s] from ``offset`` [s] on."""
+    publisher = LcmPublisherSystem.Make(
+        channel,
+        kind,
+        lcm,
+        publish_period=period,
+        publish_offset=offset,
+        use_cpp_serializer=kind not in _OF_PYTHON,
+    )
+    add_connected(builder, channel, publisher, message)
+
+
+def add_subscriber(builder: DiagramBuilder, channel: str, kind: type, lcm: DrakeLcm) -> OutputPort:
+    """Adds what receives the messages of a channel; returns their port."""
+    native = kind not in _OF_PYTHON
+    subscriber = LcmSubscriberSystem.Make(channel, kind, lcm, use_cpp_serializer=native)
+    return builder.AddNamedSystem(channel, subscriber).get_output_port()
 
 
 def open_lcm(url: str) -> DrakeLcm:

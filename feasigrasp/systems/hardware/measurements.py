@@ -11,7 +11,6 @@ from pydrake.common.value import Value
 from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem
-from pydrake.systems.lcm import LcmPublisherSystem
 from pydrake.systems.sensors import (
     CameraConfig,
     ConvertDepth32FTo16U,
@@ -25,7 +24,14 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.tracker_config import TrackerConfig, measured_pose
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.channels import POSE_NAMES, pixels
-from feasigrasp.systems.ports import declare_cache, declare_input, declare_output, scalar, weakly
+from feasigrasp.systems.ports import (
+    add_connected,
+    declare_cache,
+    declare_input,
+    declare_output,
+    scalar,
+    weakly,
+)
 from feasigrasp.systems.station.station import Station
 
 
@@ -99,28 +105,20 @@ def publish_images(
 
     A message is sent when the image is there, with the time of its exposure.
     """
-    message = builder.AddNamedSystem(f"{name}_message", _ImageMessage(camera, mask=mask))
-    builder.Connect(
-        station.GetOutputPort(f"{name}.depth_image"), message.GetInputPort("depth_image")
-    )
+    inputs = {"depth_image": station.GetOutputPort(f"{name}.depth_image")}
     if station.HasOutputPort(f"{name}.stamp"):
-        builder.Connect(station.GetOutputPort(f"{name}.stamp"), message.GetInputPort("stamp"))
+        inputs["stamp"] = station.GetOutputPort(f"{name}.stamp")
     if mask:
         labels = _Mask(camera, station.object_label, station.robot_and_object_labels())
-        builder.AddNamedSystem(f"{name}_mask", labels)
-        builder.Connect(station.GetOutputPort(f"{name}.label_image"), labels.get_input_port())
-        builder.Connect(labels.get_output_port(), message.GetInputPort("label_image"))
-    channel = channels.image_channel(name)
-    publisher = LcmPublisherSystem.Make(
-        channel,
-        lcmt_image_array,
-        lcm,
-        publish_period=1.0 / camera.fps,
-        publish_offset=camera.capture_offset + camera.output_delay,
-        use_cpp_serializer=False,
+        add_connected(builder, f"{name}_mask", labels, station.GetOutputPort(f"{name}.label_image"))
+        inputs["label_image"] = labels.get_output_port()
+    message = _ImageMessage(camera, mask=mask)
+    add_connected(builder, f"{name}_message", message, **inputs)
+    channels.add_publisher(
+        *(builder, channels.image_channel(name), lcmt_image_array, lcm, message.get_output_port()),
+        period=1.0 / camera.fps,
+        offset=camera.capture_offset + camera.output_delay,
     )
-    builder.AddNamedSystem(channel, publisher)
-    builder.Connect(message.get_output_port(), publisher.get_input_port())
 
 
 class _ImageMessage(LeafSystem):

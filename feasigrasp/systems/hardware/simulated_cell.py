@@ -26,9 +26,7 @@ from pydrake.systems.framework import (
     DiagramBuilder,
     EventStatus,
     LeafSystem,
-    OutputPort,
 )
-from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import (
     ConstantVectorSource,
     LogVectorOutput,
@@ -46,10 +44,10 @@ from feasigrasp.scenario.schema import Scenario, Segmentation
 from feasigrasp.systems.from_scenario import make_station
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.channels import IIWA_PERIOD
+from feasigrasp.systems.hardware.channels import IIWA_PERIOD, add_publisher, add_subscriber
 from feasigrasp.systems.hardware.measurements import ObjectPoseSender, publish_images
 from feasigrasp.systems.pipeline import Cell, add_judges
-from feasigrasp.systems.ports import declare_output, weakly
+from feasigrasp.systems.ports import add_connected, declare_output, weakly
 from feasigrasp.systems.station.camera import calibration_error
 from feasigrasp.systems.station.station import Station
 
@@ -192,10 +190,11 @@ def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
     builder.AddNamedSystem("lcm", _Messages(lcm))
     _add_arm(builder, station, lcm)
     _add_gripper(builder, station, lcm, scenario)
-    pose = builder.AddNamedSystem("object_pose", ObjectPoseSender(scenario.tracker))
-    builder.Connect(station.GetOutputPort("object.pose"), pose.get_input_port())
-    _publish(builder, channels.OBJECT_POSE, lcmt_robot_state, pose.get_output_port(), lcm,
-             scenario.tracker.period, native=False)  # fmt: skip
+    sender, period = ObjectPoseSender(scenario.tracker), scenario.tracker.period
+    add_connected(builder, "object_pose", sender, station.GetOutputPort("object.pose"))
+    add_publisher(
+        builder, channels.OBJECT_POSE, lcmt_robot_state, lcm, sender.get_output_port(), period
+    )
     mask = scenario.perception.segmentation == Segmentation.LABELS
     for name, camera in scenario.cameras.items():
         publish_images(builder, station, name, camera, lcm, mask=mask)
@@ -235,85 +234,55 @@ def _with_true_mounts(scenario: Scenario) -> Scenario:
     return true
 
 
-def _publish(
-    builder: DiagramBuilder,
-    channel: str,
-    kind: type,
-    port: OutputPort,
-    lcm: DrakeLcm,
-    period: float,
-    *,
-    native: bool = True,
-) -> None:
-    publisher = LcmPublisherSystem.Make(
-        channel, kind, lcm, publish_period=period, use_cpp_serializer=native
-    )
-    builder.AddNamedSystem(channel, publisher)
-    builder.Connect(port, publisher.get_input_port())
-
-
 def _add_arm(builder: DiagramBuilder, station: Station, lcm: DrakeLcm) -> None:
     n = station.arm.joints
-    command = LcmSubscriberSystem.Make(
-        channels.IIWA_COMMAND, lcmt_iiwa_command, lcm, use_cpp_serializer=True
-    )
-    builder.AddNamedSystem(channels.IIWA_COMMAND, command)
-    receiver = IiwaCommandReceiver(n, IiwaControlMode.kPositionOnly)
-    builder.AddNamedSystem("iiwa_command", receiver)
-    builder.Connect(command.get_output_port(), receiver.GetInputPort("lcmt_iiwa_command"))
     measured = station.GetOutputPort("arm.position_measured")
-    builder.Connect(measured, receiver.GetInputPort("position_measured"))
-    driver = builder.AddNamedSystem("driver", SimulatedIiwaDriver(station.arm))
-    held = LogVectorOutput(driver.GetOutputPort("position"), builder, channels.IIWA_PERIOD)
-    held.set_name("log(driver)")
-    builder.Connect(receiver.GetOutputPort("position"), driver.GetInputPort("position"))
     torque = station.GetOutputPort("arm.torque_external")
-    builder.Connect(torque, driver.GetInputPort("torque_external"))
+    command = add_subscriber(builder, channels.IIWA_COMMAND, lcmt_iiwa_command, lcm)
+    receiver = IiwaCommandReceiver(n, IiwaControlMode.kPositionOnly)
+    inputs = {"lcmt_iiwa_command": command, "position_measured": measured}
+    add_connected(builder, "iiwa_command", receiver, **inputs)
+    driver = SimulatedIiwaDriver(station.arm)
+    commanded = receiver.GetOutputPort("position")
+    add_connected(builder, "driver", driver, position=commanded, torque_external=torque)
+    position = driver.GetOutputPort("position")
+    LogVectorOutput(position, builder, IIWA_PERIOD).set_name("log(driver)")
     # The arm's own controller takes its feed-forward from the positions, as Drake's SimIiwaDriver.
-    interpolator = StateInterpolatorWithDiscreteDerivative(n, channels.IIWA_PERIOD)
-    builder.AddNamedSystem("interpolator", interpolator)
-    builder.Connect(driver.GetOutputPort("position"), interpolator.get_input_port())
+    interpolator = StateInterpolatorWithDiscreteDerivative(n, IIWA_PERIOD)
+    add_connected(builder, "interpolator", interpolator, position)
     builder.Connect(interpolator.get_output_port(), station.GetInputPort("arm.desired_state"))
 
-    status = builder.AddNamedSystem("iiwa_status", IiwaStatusSender(n))
     drive_torque = station.GetOutputPort("arm.torque_measured")
-    for name, port in (
-        ("position_commanded", driver.GetOutputPort("position")),
-        ("position_measured", measured),
-        ("velocity_estimated", station.GetOutputPort("arm.velocity_estimated")),
-        ("torque_commanded", drive_torque),
-        ("torque_measured", drive_torque),
-        ("torque_external", torque),
-    ):
-        builder.Connect(port, status.GetInputPort(name))
-    period = channels.IIWA_PERIOD
-    _publish(builder, channels.IIWA_STATUS, lcmt_iiwa_status, status.get_output_port(), lcm, period)
+    status = add_connected(
+        builder,
+        "iiwa_status",
+        IiwaStatusSender(n),
+        position_commanded=position,
+        position_measured=measured,
+        velocity_estimated=station.GetOutputPort("arm.velocity_estimated"),
+        torque_commanded=drive_torque,
+        torque_measured=drive_torque,
+        torque_external=torque,
+    )
+    add_publisher(
+        builder, channels.IIWA_STATUS, lcmt_iiwa_status, lcm, status.get_output_port(), IIWA_PERIOD
+    )
 
 
 def _add_gripper(
     builder: DiagramBuilder, station: Station, lcm: DrakeLcm, scenario: Scenario
 ) -> None:
-    gripper = load_gripper(scenario.gripper)
-    command = LcmSubscriberSystem.Make(
-        channels.WSG_COMMAND, lcmt_schunk_wsg_command, lcm, use_cpp_serializer=True
-    )
-    builder.AddNamedSystem(channels.WSG_COMMAND, command)
+    gripper, state = load_gripper(scenario.gripper), station.GetOutputPort("gripper.state_measured")
+    command = add_subscriber(builder, channels.WSG_COMMAND, lcmt_schunk_wsg_command, lcm)
     receiver = SchunkWsgCommandReceiver(initial_position=gripper.max_opening)
-    builder.AddNamedSystem("wsg_command", receiver)
-    builder.Connect(command.get_output_port(), receiver.get_input_port(0))
-    handover = builder.AddNamedSystem("handover", Handover(scenario.sequence, gripper))
-    builder.Connect(receiver.GetOutputPort("position"), handover.GetInputPort("target"))
-    state = station.GetOutputPort("gripper.state_measured")
-    builder.Connect(state, handover.GetInputPort("gripper_state"))
-    builder.Connect(
-        handover.GetOutputPort("gripper_position"), station.GetInputPort("gripper.position")
-    )
-    builder.Connect(handover.GetOutputPort("object_hold"), station.GetInputPort("object.hold"))
-    status = builder.AddNamedSystem("wsg_status", SchunkWsgStatusSender())
+    add_connected(builder, "wsg_command", receiver, command)
+    handover = Handover(scenario.sequence, gripper)
+    target = receiver.GetOutputPort("position")
+    add_connected(builder, "handover", handover, target=target, gripper_state=state)
+    for output, given in (("gripper_position", "gripper.position"), ("object_hold", "object.hold")):
+        builder.Connect(handover.GetOutputPort(output), station.GetInputPort(given))
     force = builder.AddNamedSystem("wsg_force", ConstantVectorSource([0.0]))  # it has no reader
-    builder.Connect(state, status.get_input_port(0))
-    builder.Connect(force.get_output_port(), status.get_input_port(1))
-    period = channels.WSG_PERIOD
-    _publish(
-        builder, channels.WSG_STATUS, lcmt_schunk_wsg_status, status.get_output_port(), lcm, period
-    )
+    status = SchunkWsgStatusSender()
+    add_connected(builder, "wsg_status", status, state, force.get_output_port())
+    kind, port = lcmt_schunk_wsg_status, status.get_output_port()
+    add_publisher(builder, channels.WSG_STATUS, kind, lcm, port, channels.WSG_PERIOD)

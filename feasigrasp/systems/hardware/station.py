@@ -1,5 +1,7 @@
 """The station's ports on top of driver messages."""
 
+from collections.abc import Mapping
+
 from drake import (
     lcmt_iiwa_command,
     lcmt_iiwa_status,
@@ -19,7 +21,7 @@ from pydrake.manipulation import (
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.perception import DepthImageToPointCloud
 from pydrake.systems.framework import DiagramBuilder, OutputPort, TriggerType
-from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
+from pydrake.systems.lcm import LcmPublisherSystem
 from pydrake.systems.primitives import Demultiplexer, Saturation
 from pydrake.systems.sensors import CameraConfig, PixelType
 
@@ -29,7 +31,9 @@ from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import station_config
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.channels import add_publisher, add_subscriber
 from feasigrasp.systems.hardware.measurements import ObjectPoseReceiver, RgbdReceiver
+from feasigrasp.systems.ports import add_connected
 from feasigrasp.systems.station.arm_ports import ArmPorts
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_models import add_cell
@@ -85,40 +89,22 @@ class HardwareStation(ArmPorts):
         fingers = self._add_gripper(builder, load_gripper(scenario.gripper))
         position, measured_at = self._add_arm(builder)
         self._add_object(builder)
+        # The gripper's messages have no time on the arm's clock: they are of now.
+        measured = {"position": position, "gripper_state": fingers}
+        period = scenario.control.period
         for name, camera in scenario.cameras.items():
-            images = self._add_images(builder, name, camera)
-            for port, measured in (("position", position), ("gripper_state", fingers)):
-                then = PositionAt(scenario.control.period, measured.size())
-                builder.AddNamedSystem(f"{name}_{port}", then)
-                builder.Connect(measured, then.GetInputPort("position"))
-                # The gripper's messages have no time on the arm's clock: they are of now.
-                builder.Connect(measured_at, then.GetInputPort("measured_at"))
-                builder.Connect(images.GetOutputPort("stamp"), then.GetInputPort("stamp"))
-                builder.ExportOutput(then.get_output_port(), f"{name}.{port}")
-            self._add_camera(builder, name, camera, images)
-            now = builder.AddNamedSystem(
-                f"{name}_pose_now", CameraPose(self.plant, name, camera, self.arm)
-            )
-            builder.Connect(position, now.get_input_port())
-            builder.ExportOutput(now.get_output_port(), f"{name}.pose_now")
+            self._add_camera(builder, name, camera, measured, measured_at, period)
         builder.BuildInto(self)
 
     def robot_and_object_labels(self) -> list[int]:
         """Labels that arm, gripper and object have in masks."""
         return [channels.MaskLabel.OBJECT, channels.MaskLabel.ROBOT]
 
-    def _messages(
-        self, builder: DiagramBuilder, channel: str, kind: type, *, native: bool
-    ) -> OutputPort:
-        """What comes in on a channel; ``native`` where a system in C++ reads it."""
-        subscriber = LcmSubscriberSystem.Make(channel, kind, self._inbox, use_cpp_serializer=native)
-        return builder.AddNamedSystem(channel, subscriber).get_output_port()
-
     def _add_arm(self, builder: DiagramBuilder) -> tuple[OutputPort, OutputPort]:
         """Exports the arm's ports; returns the measured positions, and when they were measured."""
-        status = builder.AddNamedSystem("iiwa_status", IiwaStatusReceiver(self.arm.joints))
-        messages = self._messages(builder, channels.IIWA_STATUS, lcmt_iiwa_status, native=True)
-        builder.Connect(messages, status.get_input_port())
+        messages = add_subscriber(builder, channels.IIWA_STATUS, lcmt_iiwa_status, self._inbox)
+        status = IiwaStatusReceiver(self.arm.joints)
+        add_connected(builder, "iiwa_status", status, messages)
         position = status.GetOutputPort("position_measured")
         builder.ExportOutput(position, "arm.position_measured")
         for port in ("velocity_estimated", "torque_external"):
@@ -127,19 +113,15 @@ class HardwareStation(ArmPorts):
         desired = builder.AddNamedSystem("desired_position", Demultiplexer([self.arm.joints] * 2))
         builder.ExportInput(desired.get_input_port(), "arm.desired_state")
         command = IiwaCommandSender(self.arm.joints, IiwaControlMode.kPositionOnly)
-        builder.AddNamedSystem("iiwa_request", command)
-        builder.Connect(desired.get_output_port(0), command.GetInputPort("position"))
-        self.request = builder.AddNamedSystem(
+        add_connected(builder, "iiwa_request", command, position=desired.get_output_port(0))
+        self.request = LcmPublisherSystem.Make(
             channels.IIWA_REQUEST,
-            LcmPublisherSystem.Make(
-                channels.IIWA_REQUEST,
-                lcmt_iiwa_command,
-                self._outbox,
-                publish_triggers={TriggerType.kForced},
-                use_cpp_serializer=True,
-            ),
+            lcmt_iiwa_command,
+            self._outbox,
+            publish_triggers={TriggerType.kForced},
+            use_cpp_serializer=True,
         )
-        builder.Connect(command.get_output_port(), self.request.get_input_port())
+        add_connected(builder, channels.IIWA_REQUEST, self.request, command.get_output_port())
         return position, status.GetOutputPort("time_measured")
 
     def _add_gripper(self, builder: DiagramBuilder, gripper: Gripper) -> OutputPort:
@@ -149,57 +131,60 @@ class HardwareStation(ArmPorts):
                 "gripper: there is no driver of a suction cup; run it in simulation, or choose a "
                 "parallel gripper"
             )
-        status = builder.AddNamedSystem("wsg_status", SchunkWsgStatusReceiver())
         kind = lcmt_schunk_wsg_status
-        messages = self._messages(builder, channels.WSG_STATUS, kind, native=True)
-        builder.Connect(messages, status.get_input_port(0))
+        messages = add_subscriber(builder, channels.WSG_STATUS, kind, self._inbox)
+        status = add_connected(builder, "wsg_status", SchunkWsgStatusReceiver(), messages)
         builder.ExportOutput(status.GetOutputPort("state"), "gripper.state_measured")
         # A real gripper squeezes as hard as its force limit says; it needs no distance below zero.
         opening = Saturation([0.0], [gripper.max_opening])
         builder.AddNamedSystem("opening", opening)
         builder.ExportInput(opening.get_input_port(), "gripper.position")
-        command = builder.AddNamedSystem("wsg_command", SchunkWsgCommandSender())
-        builder.Connect(opening.get_output_port(), command.GetInputPort("position"))
-        publisher = LcmPublisherSystem.Make(
-            channels.WSG_COMMAND,
-            lcmt_schunk_wsg_command,
-            self._outbox,
-            publish_period=channels.WSG_PERIOD,
-            use_cpp_serializer=True,
+        command = SchunkWsgCommandSender()
+        add_connected(builder, "wsg_command", command, position=opening.get_output_port())
+        add_publisher(
+            *(builder, channels.WSG_COMMAND, lcmt_schunk_wsg_command, self._outbox),
+            *(command.get_output_port(), channels.WSG_PERIOD),
         )
-        builder.AddNamedSystem(channels.WSG_COMMAND, publisher)
-        builder.Connect(command.get_output_port(), publisher.get_input_port())
         return status.GetOutputPort("state")
 
     def _add_object(self, builder: DiagramBuilder) -> None:
-        receiver = builder.AddNamedSystem("object_pose", ObjectPoseReceiver())
-        messages = self._messages(builder, channels.OBJECT_POSE, lcmt_robot_state, native=False)
-        builder.Connect(messages, receiver.get_input_port())
+        messages = add_subscriber(builder, channels.OBJECT_POSE, lcmt_robot_state, self._inbox)
+        receiver = add_connected(builder, "object_pose", ObjectPoseReceiver(), messages)
         builder.ExportOutput(receiver.GetOutputPort("pose"), "object.pose")
         builder.ExportOutput(receiver.GetOutputPort("stamp"), "object.stamp")
 
-    def _add_images(self, builder: DiagramBuilder, name: str, camera: CameraConfig) -> RgbdReceiver:
-        receiver = RgbdReceiver(camera.width, camera.height)
-        builder.AddNamedSystem(f"{name}_images", receiver)
-        channel = channels.image_channel(name)
-        messages = self._messages(builder, channel, lcmt_image_array, native=False)
-        builder.Connect(messages, receiver.get_input_port())
-        return receiver
-
     def _add_camera(
-        self, builder: DiagramBuilder, name: str, camera: CameraConfig, receiver: RgbdReceiver
+        self,
+        builder: DiagramBuilder,
+        name: str,
+        camera: CameraConfig,
+        measured: Mapping[str, OutputPort],
+        measured_at: OutputPort,
+        period: float,
     ) -> None:
-        """Exports what a camera shows, from its images and the joints at their instant."""
-        then = builder.GetSubsystemByName(f"{name}_position")
-        pose = builder.AddNamedSystem(
-            f"{name}_pose", CameraPose(self.plant, name, camera, self.arm)
-        )
-        builder.Connect(then.get_output_port(), pose.get_input_port())
+        """Exports what a camera shows, and what of the arm was measured at that instant."""
+        channel = channels.image_channel(name)
+        messages = add_subscriber(builder, channel, lcmt_image_array, self._inbox)
+        images = RgbdReceiver(camera.width, camera.height)
+        add_connected(builder, f"{name}_images", images, messages)
+        shown = {
+            port: images.GetOutputPort(port) for port in ("depth_image", "label_image", "stamp")
+        }
+        ports = {}
+        for what, now in measured.items():
+            then = PositionAt(period, now.size())
+            add_connected(builder, f"{name}_{what}", then, now, measured_at, shown["stamp"])
+            ports[what] = then.get_output_port()
+
+        def pose(what: str, position: OutputPort) -> OutputPort:
+            system = CameraPose(self.plant, name, camera, self.arm)
+            return add_connected(builder, f"{name}_{what}", system, position).get_output_port()
+
+        X_WC = pose("pose", ports["position"])
         cloud = DepthImageToPointCloud(pixel_centred_intrinsics(camera), PixelType.kDepth32F)
-        builder.AddNamedSystem(f"{name}_point_cloud", cloud)
-        builder.Connect(receiver.GetOutputPort("depth_image"), cloud.depth_image_input_port())
-        builder.Connect(pose.get_output_port(), cloud.camera_pose_input_port())
-        builder.ExportOutput(cloud.point_cloud_output_port(), f"{name}.point_cloud")
-        for port in ("depth_image", "label_image", "stamp"):
-            builder.ExportOutput(receiver.GetOutputPort(port), f"{name}.{port}")
-        builder.ExportOutput(pose.get_output_port(), f"{name}.pose")
+        inputs = {"depth_image": shown["depth_image"], "camera_pose": X_WC}
+        add_connected(builder, f"{name}_point_cloud", cloud, **inputs)
+        ports |= {"point_cloud": cloud.point_cloud_output_port()} | shown | {"pose": X_WC}
+        ports["pose_now"] = pose("pose_now", measured["position"])
+        for what, port in ports.items():
+            builder.ExportOutput(port, f"{name}.{what}")

@@ -19,7 +19,7 @@ from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
-from feasigrasp.systems.ports import declare_input, weakly
+from feasigrasp.systems.ports import add_connected, declare_input, weakly
 from feasigrasp.systems.station.station import Station
 
 #: Colours of grasps that the controller is given, and of those that were dropped before. Source:
@@ -233,8 +233,8 @@ def add_scene(builder: DiagramBuilder, station: Station, meshcat: Meshcat) -> No
         publish_period=1.0 / 32.0,
         delete_on_initialization_event=False,  # it would take the object's opacity along
     )
-    scene = builder.AddNamedSystem("scene", MeshcatVisualizer(meshcat, params))
-    builder.Connect(station.GetOutputPort("query_object"), scene.query_object_input_port())
+    query = station.GetOutputPort("query_object")
+    add_connected(builder, "scene", MeshcatVisualizer(meshcat, params), query)
     object_path = f"{PREFIX}/{station.object_body.scoped_name().get_full().replace('::', '/')}"
     meshcat.Delete(PREFIX)
     _make_translucent(station, object_path, meshcat)

@@ -12,7 +12,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.dynamic_grasp import Subsystems
-from feasigrasp.systems.ports import declare_input, declare_output, optional
+from feasigrasp.systems.ports import add_connected, declare_input, declare_output, optional
 from feasigrasp.systems.station.station import Station
 
 
@@ -100,11 +100,9 @@ def add_run_log(builder: DiagramBuilder, subsystems: Subsystems, period: float =
     The period [s] is by default that of the control in packaged scenarios.
     """
     station, tracker, sequencer = subsystems.station, subsystems.tracker, subsystems.sequencer
-    log = builder.AddNamedSystem(
-        "run_log", RunLog(station.GetOutputPort("arm.position_measured").size())
-    )
+    position = station.GetOutputPort("arm.position_measured")
     inputs = {
-        "position": station.GetOutputPort("arm.position_measured"),
+        "position": position,
         "velocity": station.GetOutputPort("arm.velocity_estimated"),
         "commanded_velocity": subsystems.controller.GetOutputPort("commanded_velocity"),
         "desired_state": subsystems.drive.GetOutputPort("desired_state"),
@@ -118,8 +116,7 @@ def add_run_log(builder: DiagramBuilder, subsystems: Subsystems, period: float =
         inputs["true_pose"] = builder.GetSubsystemByName("true_frame").get_output_port()
     elif isinstance(station, Station):
         inputs["true_pose"] = station.GetOutputPort("object.pose")
-    for name, port in inputs.items():
-        builder.Connect(port, log.GetInputPort(name))
+    log = add_connected(builder, "run_log", RunLog(position.size()), **inputs)
     LogVectorOutput(log.get_output_port(), builder, period).set_name("log(run)")
 
 

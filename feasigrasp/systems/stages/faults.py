@@ -26,7 +26,14 @@ from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.controller_inputs import ControllerInputs
 from feasigrasp.systems.grasp_controller import GraspController
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, evaluate, weakly
+from feasigrasp.systems.ports import (
+    PeriodicState,
+    add_connected,
+    declare_input,
+    declare_output,
+    evaluate,
+    weakly,
+)
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 
 _Kind = TypeVar("_Kind", bound=Fault)
@@ -338,7 +345,4 @@ class FaultInjection:
         return self.scenario.random_seed + 2**32 * (number + 1)
 
     def _insert(self, number: int | str, system: LeafSystem, **inputs: OutputPort) -> OutputPort:
-        self.builder.AddNamedSystem(f"fault_{number}", system)
-        for name, port in inputs.items():
-            self.builder.Connect(port, system.GetInputPort(name))
-        return system.get_output_port()
+        return add_connected(self.builder, f"fault_{number}", system, **inputs).get_output_port()

@@ -26,7 +26,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.sensors.camera_errors import MATERIALS, CameraErrors
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
-from feasigrasp.systems.ports import declare_input, declare_output, scalar, weakly
+from feasigrasp.systems.ports import add_connected, declare_input, declare_output, scalar, weakly
 from feasigrasp.systems.station.exposures import CameraPose, FirstImage
 
 
@@ -148,46 +148,62 @@ class SeenObject(NamedTuple):
     pose: OutputPort
 
 
+class Scene(NamedTuple):
+    """The scene that cameras of one schedule render.
+
+    Attributes:
+        graph: What they see.
+        plant: Whose frames they are mounted on.
+        seen: The object in it.
+        arm: The arm in it, which they may be on.
+        stamp: When it was so (V1) [s]; None for the present scene.
+        measured: What was measured then, by the name of the camera's port.
+    """
+
+    graph: SceneGraph
+    plant: MultibodyPlant
+    seen: SeenObject
+    arm: MeasuredArm
+    stamp: OutputPort | None = None
+    measured: dict[str, OutputPort] = {}
+
+
 def export_camera(
     builder: DiagramBuilder,
     config: CameraConfig,
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    seen: SeenObject,
-    arm: MeasuredArm,
+    scene: Scene,
+    position: OutputPort,
     *,
-    noise: DepthNoise | None = None,
-    hand_eye: HandEyeError | None = None,
-    seed: int = 0,
-    stamp: OutputPort | None = None,
-    position: OutputPort | None = None,
+    noise: DepthNoise | None,
+    hand_eye: HandEyeError | None,
+    seed: int,
 ) -> None:
     """Adds a camera and exports its outputs as ``<name>.<output>``.
 
     These are ``point_cloud`` (world frame, pixel by pixel), ``color_image``, ``depth_image``,
     ``label_image`` and ``pose`` X_WC. Pose and cloud are as the camera's calibration has them.
-    With a ``stamp`` also that, and ``pose_now``, X_WC by the present joints; before the first image
-    there is no depth, and nothing else, in images of the usual size.
+    With a ``stamp`` also that, what was measured then, and ``pose_now``, X_WC by the present
+    joints; before the first image there is no depth, and nothing else, in images of the usual size.
 
     Args:
         builder: The builder of the station.
         config: The camera; its name becomes that of the ports.
-        plant: The plant whose frames the camera is mounted on.
-        scene_graph: What it sees.
-        seen: The object, where the scene graph has it.
-        arm: The arm, which the camera may be on, where the scene graph has it.
+        scene: What it sees.
+        position: The present true joints (V7) [rad].
         noise: Errors of its depth image, and of the point cloud made from it; None for none.
         hand_eye: Error of its calibration; None for none.
         seed: Seed of those errors.
-        stamp: When the scene graph's scene was the present one (V1) [s]; None for now.
-        position: The present true joints (V7) [rad]; needed with a stamp.
     """
-    name = config.name
+    name, stamp, arm = config.name, scene.stamp, scene.arm
     # The scene graph is late already, if images are to be.
     config.output_delay = config.capture_offset = 0.0
     # An LCM sink that goes nowhere: images are rendered only when somebody reads them.
     ApplyCameraConfig(
-        config, builder, plant=plant, scene_graph=scene_graph, lcm=DrakeLcm("memq://null")
+        config,
+        builder,
+        plant=scene.plant,
+        scene_graph=scene.graph,
+        lcm=DrakeLcm("memq://null"),
     )
     sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
     depth, color, labels = (
@@ -198,7 +214,7 @@ def export_camera(
             sensor.label_image_output_port(),
         )
     )
-    info = pixel_centred_intrinsics(config)
+    info, true_pose = pixel_centred_intrinsics(config), sensor.body_pose_in_world_output_port()
     if noise is not None:
         errors = NoisyDepth(
             noise,
@@ -206,49 +222,35 @@ def export_camera(
             seed,
             near=config.z_near,
             far=config.z_far,
-            object_label=seen.label,
-            material=seen.material,
+            object_label=scene.seen.label,
+            material=scene.seen.material,
         )
-        noisy = builder.AddNamedSystem(f"{name}_noise", errors)
-        builder.Connect(depth, noisy.GetInputPort("depth_image"))
-        builder.Connect(labels, noisy.GetInputPort("label_image"))
-        true_pose = sensor.body_pose_in_world_output_port()
-        builder.Connect(true_pose, noisy.GetInputPort("camera_pose"))
-        builder.Connect(seen.pose, noisy.GetInputPort("object_pose"))
+        true = {"depth_image": depth, "label_image": labels, "camera_pose": true_pose}
+        true["object_pose"] = scene.seen.pose
         if stamp is not None:
-            builder.Connect(stamp, noisy.GetInputPort("stamp"))
-        depth = noisy.get_output_port()
-    cloud = builder.AddNamedSystem(
-        f"{name}_point_cloud", DepthImageToPointCloud(info, PixelType.kDepth32F)
-    )
-    builder.Connect(depth, cloud.depth_image_input_port())
+            true["stamp"] = stamp
+        depth = add_connected(builder, f"{name}_noise", errors, **true).get_output_port()
     X_CB = calibration_error(hand_eye or HandEyeError(), seed)
-    calibrated = builder.AddNamedSystem(
-        f"{name}_calibrated_pose", CalibratedPose(X_CB, arm.zero, arm.arm)
-    )
-    true_pose = sensor.body_pose_in_world_output_port()
-    builder.Connect(true_pose, calibrated.GetInputPort("true_pose"))
-    on_arm = config.X_PB.base_frame not in (None, "", "world")
-    if on_arm:
-        builder.Connect(arm.position, calibrated.GetInputPort("position"))
-    pose = calibrated.get_output_port()
-    builder.Connect(pose, cloud.camera_pose_input_port())
-    if stamp is not None and position is not None:
-        true_now = builder.AddNamedSystem(
-            f"{name}_true_pose_now", CameraPose(plant, name, config, arm.arm)
-        )
-        builder.Connect(position, true_now.get_input_port())
-        now = builder.AddNamedSystem(f"{name}_pose_now", CalibratedPose(X_CB, arm.zero, arm.arm))
-        builder.Connect(true_now.get_output_port(), now.GetInputPort("true_pose"))
-        if on_arm:
-            builder.Connect(position, now.GetInputPort("position"))
-        builder.ExportOutput(now.get_output_port(), f"{name}.pose_now")
-        builder.ExportOutput(stamp, f"{name}.stamp")
-    builder.ExportOutput(cloud.point_cloud_output_port(), f"{name}.point_cloud")
-    builder.ExportOutput(color, f"{name}.color_image")
-    builder.ExportOutput(depth, f"{name}.depth_image")
-    builder.ExportOutput(labels, f"{name}.label_image")
-    builder.ExportOutput(pose, f"{name}.pose")
+
+    def calibrated(what: str, pose: OutputPort, joints: OutputPort) -> OutputPort:
+        on_arm = config.X_PB.base_frame not in (None, "", "world")
+        system = CalibratedPose(X_CB, arm.zero, arm.arm)
+        ports = (pose, joints) if on_arm else (pose,)
+        return add_connected(builder, f"{name}_{what}", system, *ports).get_output_port()
+
+    pose = calibrated("calibrated_pose", true_pose, arm.position)
+    points = DepthImageToPointCloud(info, PixelType.kDepth32F)
+    add_connected(builder, f"{name}_point_cloud", points, depth_image=depth, camera_pose=pose)
+    ports = dict(scene.measured)
+    if stamp is not None:
+        now = CameraPose(scene.plant, name, config, arm.arm)
+        add_connected(builder, f"{name}_true_pose_now", now, position)
+        ports["pose_now"] = calibrated("pose_now", now.get_output_port(), position)
+        ports["stamp"] = stamp
+    ports["point_cloud"] = points.point_cloud_output_port()
+    ports |= {"color_image": color, "depth_image": depth, "label_image": labels, "pose": pose}
+    for what, port in ports.items():
+        builder.ExportOutput(port, f"{name}.{what}")
 
 
 def _from_first_image(
@@ -263,10 +265,7 @@ def _from_first_image(
     elif isinstance(blank, ImageLabel16I):
         blank.mutable_data[:] = int(RenderLabel.kEmpty)
     name = f"{port.get_system().get_name()}_{port.get_name()}"
-    system = builder.AddNamedSystem(name, FirstImage(blank))
-    builder.Connect(port, system.GetInputPort("image"))
-    builder.Connect(stamp, system.GetInputPort("stamp"))
-    return system.get_output_port()
+    return add_connected(builder, name, FirstImage(blank), port, stamp).get_output_port()
 
 
 def calibration_error(hand_eye: HandEyeError, seed: int) -> Array:

@@ -19,7 +19,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.systems.ports import declare_input, declare_output, weakly
+from feasigrasp.systems.ports import add_connected, declare_input, declare_output, weakly
 
 
 class Timing(NamedTuple):
@@ -104,14 +104,12 @@ def add_exposures(
     with the vectors at the exposure, in order, and the one with the stamp.
     """
     sizes = [len(initial) for _, initial in sources]
-    before = builder.AddNamedSystem(f"{name}_u", Multiplexer(sizes))
-    for k, (source, _) in enumerate(sources):
-        builder.Connect(source, before.get_input_port(k))
+    ports = (port for port, _ in sources)
+    before = add_connected(builder, f"{name}_u", Multiplexer(sizes), *ports)
     initial = np.concatenate([value for _, value in sources])
-    exposures = builder.AddNamedSystem(name, Exposures(timing, initial))
-    after = builder.AddNamedSystem(f"{name}_y", Demultiplexer(sizes))
-    builder.Connect(before.get_output_port(), exposures.get_input_port())
-    builder.Connect(exposures.GetOutputPort("y"), after.get_input_port())
+    exposures = Exposures(timing, initial)
+    add_connected(builder, name, exposures, before.get_output_port())
+    after = add_connected(builder, f"{name}_y", Demultiplexer(sizes), exposures.GetOutputPort("y"))
     return [after.get_output_port(k) for k in range(len(sizes))], exposures.GetOutputPort("stamp")
 
 
@@ -187,11 +185,36 @@ class CameraPose(LeafSystem):
 
 #: How far back a pose is remembered [s]. Source: guessed.
 REMEMBERED = 0.5
-#: Time, then the upper three rows of a pose. Source: layout.
-_ROW = 13
 
 
-class PoseAt(LeafSystem):
+class _Memory(LeafSystem):
+    """Remembers a row every ``period`` seconds, newest first: time [s], then ``size`` values."""
+
+    def __init__(self, period: float, size: int) -> None:
+        super().__init__()
+        self._row_size = 1 + size
+        rows = np.full(round(REMEMBERED / period) * self._row_size, np.nan)
+        self.DeclareDiscreteState(rows)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._remember))
+
+    def _row(self, context: Context) -> Array:
+        """The row of now."""
+        raise NotImplementedError
+
+    def _remember(self, context: Context, state) -> EventStatus:
+        row, rows = self._row(context), context.get_discrete_state_vector().value()
+        if row[0] <= rows[0]:
+            return EventStatus.DidNothing()
+        state.get_mutable_vector().SetFromVector(np.concatenate([row, rows[: -self._row_size]]))
+        return EventStatus.Succeeded()
+
+    def _known(self, context: Context) -> Array:
+        """The rows that there are, shape (k, 1 + size)."""
+        rows = context.get_discrete_state_vector().value().reshape(-1, self._row_size)
+        return rows[np.isfinite(rows).all(axis=1)]
+
+
+class PoseAt(_Memory):
     """Buffers poses, and returns the one at a recent time.
 
     .. pydrake_system::
@@ -207,32 +230,24 @@ class PoseAt(LeafSystem):
 
     def __init__(self, period: float) -> None:
         """Remembers the pose every ``period`` seconds."""
-        super().__init__()
+        super().__init__(period, 12)
         self._pose = declare_input(self, "pose", RigidTransform())
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
-        rows = np.full((round(REMEMBERED / period), _ROW), np.nan)
-        state = self.DeclareDiscreteState(rows.ravel())
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._remember))
-        sources = {self.discrete_state_ticket(state), self._stamp.ticket(), self._pose.ticket()}
+        sources = {self.xd_ticket(), self._stamp.ticket(), self._pose.ticket()}
         declare_output(self, "pose", self._calc, sources, model=RigidTransform())
 
-    def _remember(self, context: Context, state) -> EventStatus:
-        rows = context.get_discrete_state_vector().value()
+    def _row(self, context: Context) -> Array:
         X = self._pose.Eval(context).GetAsMatrix4()
-        row = np.concatenate([[context.get_time()], X[:3].ravel()])
-        state.get_mutable_vector().SetFromVector(np.concatenate([row, rows[:-_ROW]]))
-        return EventStatus.Succeeded()
+        return np.concatenate([[context.get_time()], X[:3].ravel()])
 
     def _calc(self, context: Context) -> RigidTransform:
-        rows = context.get_discrete_state_vector().value().reshape(-1, _ROW)
-        known = rows[np.isfinite(rows).all(axis=1)]
-        stamp = self._stamp.Eval(context)[0]
+        known, stamp = self._known(context), self._stamp.Eval(context)[0]
         if len(known) == 0 or stamp > known[0, 0]:
             return RigidTransform(self._pose.Eval(context))
         return RigidTransform(_interpolated(known, stamp))
 
 
-class PositionAt(LeafSystem):
+class PositionAt(_Memory):
     """As `PoseAt`, of joint positions.
 
     .. pydrake_system::
@@ -247,28 +262,18 @@ class PositionAt(LeafSystem):
 
     def __init__(self, period: float, n: int) -> None:
         """Remembers ``n`` positions every ``period`` seconds."""
-        super().__init__()
-        self._size = 1 + n
+        super().__init__(period, n)
         self._position = self.DeclareVectorInputPort("position", n)
         self._measured_at = self.DeclareVectorInputPort("measured_at", 1)
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
-        rows = np.full((round(REMEMBERED / period), self._size), np.nan)
-        state = self.DeclareDiscreteState(rows.ravel())
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._remember))
-        sources = {self.discrete_state_ticket(state), self._stamp.ticket(), self._position.ticket()}
+        sources = {self.xd_ticket(), self._stamp.ticket(), self._position.ticket()}
         declare_output(self, "position", self._calc, sources, size=n)
 
-    def _remember(self, context: Context, state) -> EventStatus:
-        rows = context.get_discrete_state_vector().value()
-        row = np.concatenate([self._measured_at.Eval(context), self._position.Eval(context)])
-        if row[0] <= rows[0]:
-            return EventStatus.DidNothing()
-        state.get_mutable_vector().SetFromVector(np.concatenate([row, rows[: -self._size]]))
-        return EventStatus.Succeeded()
+    def _row(self, context: Context) -> Array:
+        return np.concatenate([self._measured_at.Eval(context), self._position.Eval(context)])
 
     def _calc(self, context: Context) -> ArrayLike:
-        rows = context.get_discrete_state_vector().value().reshape(-1, self._size)
-        known = rows[np.isfinite(rows).all(axis=1)][::-1]
+        known = self._known(context)[::-1]
         position, stamp = self._position.Eval(context), self._stamp.Eval(context)[0]
         if len(known) == 0 or stamp > known[-1, 0]:
             return position

@@ -3,7 +3,6 @@
 import copy
 import tempfile
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
@@ -23,9 +22,9 @@ from feasigrasp.models.objects.spring_drive import body_pose_kernel
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.models.sensors.joint_errors import DrawnJointErrors
-from feasigrasp.systems.ports import declare_output
+from feasigrasp.systems.ports import add_connected, declare_output
 from feasigrasp.systems.station.arm_ports import ArmPorts
-from feasigrasp.systems.station.camera import MeasuredArm, SeenObject, export_camera
+from feasigrasp.systems.station.camera import MeasuredArm, Scene, SeenObject, export_camera
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
 from feasigrasp.systems.station.exposures import Timing, add_exposures
 from feasigrasp.systems.station.joints import FingerDrive, JointSensors
@@ -53,26 +52,6 @@ class _BodyState(LeafSystem):
 
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
         return SpatialVelocity(self._state.Eval(context)[7:13])
-
-
-class _Scene(NamedTuple):
-    """The scene that cameras of one schedule render.
-
-    Attributes:
-        graph: What they see.
-        plant: Whose frames they are mounted on.
-        seen: The object in it.
-        arm: The arm in it.
-        stamp: When it was so; None for the present scene.
-        measured: What was measured then, by the name of the camera's port.
-    """
-
-    graph: SceneGraph
-    plant: MultibodyPlant
-    seen: SeenObject
-    arm: MeasuredArm
-    stamp: OutputPort | None = None
-    measured: dict[str, OutputPort] = {}
 
 
 class Station(ArmPorts):
@@ -186,14 +165,13 @@ class Station(ArmPorts):
     def _export_arm(self, builder: DiagramBuilder, errors: DrawnJointErrors) -> OutputPort:
         """Exports the arm; returns the port of its true positions."""
         plant, iiwa = self.plant, self.plant.GetModelInstanceByName(self.arm.name)
+        state = plant.get_state_output_port(iiwa)
         sensors = builder.AddNamedSystem("joint_sensors", JointSensors(errors))
         builder.ExportInput(sensors.GetInputPort("desired_state"), "arm.desired_state")
-        builder.Connect(
-            sensors.GetOutputPort("true_desired_state"), plant.get_desired_state_input_port(iiwa)
-        )
-        state = plant.get_state_output_port(iiwa)
-        position = builder.AddNamedSystem("iiwa_position", Demultiplexer([self.arm.joints] * 2))
-        builder.Connect(state, position.get_input_port())
+        desired = sensors.GetOutputPort("true_desired_state")
+        builder.Connect(desired, plant.get_desired_state_input_port(iiwa))
+        position = Demultiplexer([self.arm.joints] * 2)
+        add_connected(builder, "iiwa_position", position, state)
         builder.Connect(position.get_output_port(0), sensors.GetInputPort("position"))
         builder.ExportOutput(sensors.GetOutputPort("position_measured"), "arm.position_measured")
         builder.ExportOutput(position.get_output_port(1), "arm.velocity_estimated")
@@ -214,10 +192,8 @@ class Station(ArmPorts):
         drive = builder.AddNamedSystem("finger_drive", FingerDrive(plant.time_step()))
         builder.Connect(drive.get_output_port(), plant.get_desired_state_input_port(gripper))
         builder.ExportInput(drive.get_input_port(), "gripper.position")
-        measured = builder.AddNamedSystem(
-            "gripper_state", MatrixGain(np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]]))
-        )
-        builder.Connect(plant.get_state_output_port(gripper), measured.get_input_port())
+        measured = MatrixGain(np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]]))
+        add_connected(builder, "gripper_state", measured, plant.get_state_output_port(gripper))
         builder.ExportOutput(measured.get_output_port(), "gripper.state_measured")
 
     def _export_object(
@@ -226,14 +202,12 @@ class Station(ArmPorts):
         """Exports the object's motion; returns the port of its pose."""
         plant = self.plant
         state = plant.get_state_output_port(self.object_instance)
-        body_state = builder.AddNamedSystem("object_state", _BodyState())
-        builder.Connect(state, body_state.get_input_port())
+        body_state = add_connected(builder, "object_state", _BodyState(), state)
         builder.ExportOutput(body_state.GetOutputPort("pose"), "object.pose")
         builder.ExportOutput(body_state.GetOutputPort("velocity"), "object.velocity")
         index = self.object_body.index()
         servo = ObjectServo(plant, index, motion, config.carrier, pulls=config.pulls)
-        builder.AddNamedSystem("object_servo", servo)
-        builder.Connect(state, servo.GetInputPort("state"))
+        add_connected(builder, "object_servo", servo, state=state)
         force = servo.GetOutputPort("spatial_force")
         if isinstance(config.gripper, SuctionCup):
             seal = builder.GetSubsystemByName("gripper_state")
@@ -292,28 +266,21 @@ class Station(ArmPorts):
         somebody reads an image.
         """
         self._camera_plants: list[MultibodyPlant] = []
-        scenes: dict[Timing | None, _Scene] = {}
+        scenes: dict[Timing | None, Scene] = {}
         for index, (name, camera) in enumerate(config.cameras.items()):
             timing = Timing.of(camera)
             if timing not in scenes:
                 scenes[timing] = self._add_scene(builder, config, obj, timing, seen, arm)
-            scene = scenes[timing]
-            for kind, port in scene.measured.items():
-                builder.ExportOutput(port, f"{name}.{kind}")
             camera = copy.deepcopy(camera)  # the caller's stays as it is
             camera.name = name
             export_camera(
                 builder,
                 camera,
-                scene.plant,
-                scene.graph,
-                scene.seen,
-                scene.arm,
+                scenes[timing],
+                arm.position,
                 noise=config.camera_noise.get(name),
                 hand_eye=config.hand_eye.get(name),
                 seed=config.noise_seed + 2**32 * index,  # cameras err differently
-                stamp=scene.stamp,
-                position=arm.position,
             )
 
     def _add_scene(
@@ -324,7 +291,7 @@ class Station(ArmPorts):
         timing: Timing | None,
         seen: SeenObject,
         arm: MeasuredArm,
-    ) -> _Scene:
+    ) -> Scene:
         """The scene that cameras of one schedule render; the present one without a schedule."""
         number = len(self._camera_plants) or ""
         plant = MultibodyPlant(config.plant.time_step)
@@ -333,7 +300,7 @@ class Station(ArmPorts):
         self._add_models(plant, config, obj)
         plant.Finalize()
         self._camera_plants.append(plant)
-        state, scene = self.plant.get_state_output_port(), _Scene(graph, plant, seen, arm)
+        state, scene = self.plant.get_state_output_port(), Scene(graph, plant, seen, arm)
         if timing is not None:
             context = plant.CreateDefaultContext()
             start = plant.GetPositionsAndVelocities(context)
@@ -349,18 +316,15 @@ class Station(ArmPorts):
                 (sensors.GetOutputPort("position_measured"), np.zeros(config.arm.joints)),
                 (fingers.get_output_port(0), np.zeros(2)),
             )
-            pose = builder.AddNamedSystem(f"exposed_object{number}", _BodyState())
-            builder.Connect(body, pose.get_input_port())
+            pose = add_connected(builder, f"exposed_object{number}", _BodyState(), body)
             scene = scene._replace(
                 seen=seen._replace(pose=pose.GetOutputPort("pose")),
                 arm=arm._replace(position=q),
                 stamp=stamp,
                 measured={"position": position, "gripper_state": gripper_state},
             )
-        poses = builder.AddNamedSystem(
-            f"camera_geometry_poses{number}", MultibodyPositionToGeometryPose(plant, True)
-        )
-        builder.Connect(state, poses.get_input_port())
+        poses = MultibodyPositionToGeometryPose(plant, True)
+        add_connected(builder, f"camera_geometry_poses{number}", poses, state)
         builder.Connect(poses.get_output_port(), graph.get_source_pose_port(plant.get_source_id()))
         name = f"camera_distractor_bodies{number}"
         self._show_distractor_bodies(builder, config, graph, name, scene.stamp)
