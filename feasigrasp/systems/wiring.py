@@ -15,6 +15,28 @@ _POSE_AT_VIEW = "tracker.pose_at_view | pose_at_view.pose | tracker.object_pose"
 _POSITION = "station.arm.position_measured"
 _FINGERS = "station.gripper.state_measured"
 
+#: Images of perception's two cameras, and the measured arm at their instant.
+_CAMERA = {
+    "point_cloud": "cloud",
+    "color_image": "color",
+    "depth_image": "depth",
+    "image_time": "camera.stamp",
+    "camera_pose": "camera.pose",
+    "position": f"camera.position | {_POSITION}",
+    "gripper_state": f"camera.gripper_state | {_FINGERS}",
+}
+_SECOND = {
+    "point_cloud": "second.point_cloud",
+    "color_image": "second_color",
+    "depth_image": "second.depth_image",
+    "image_time": "second.stamp",
+    "camera_pose": "second.pose",
+    "position": f"second.position | {_POSITION}",
+    "gripper_state": f"second.gripper_state | {_FINGERS}",
+}
+#: What is known of the object when an image is segmented.
+_TRACKED = {"object_pose": _POSE_AT_VIEW, "tracking": "tracker.tracking", "gpdf": "field"}
+
 #: What a controller is given, and a planner in a process of its own.
 _CONTROLLER = {
     "position": _POSITION,
@@ -37,35 +59,13 @@ _CONTROLLER = {
 #: By system and input port: where it comes from.
 CONNECTIONS: dict[str, dict[str, str]] = {
     # Images -> the object's points -> its pose and its completed surface.
-    "foreground": {
-        "point_cloud": "cloud",
-        "color_image": "color",
-        "camera_pose": "camera.pose",
-        "image_time": "camera.stamp",
-        "position": f"camera.position | {_POSITION}",
-        "gripper_state": f"camera.gripper_state | {_FINGERS}",
-        "object_pose": _POSE_AT_VIEW,
-        "tracking": "tracker.tracking",
-        "gpdf": "field",
-        "depth_image": "depth",
-    },
+    "foreground": _CAMERA | _TRACKED,
     "segmentation": {
         "point_cloud": "cloud",
         "label_image": "labels",
         "depth_image": "depth",
     },
-    "second_foreground": {
-        "point_cloud": "second.point_cloud",
-        "color_image": "second_color",
-        "camera_pose": "second.pose",
-        "image_time": "second.stamp",
-        "position": f"second.position | {_POSITION}",
-        "gripper_state": f"second.gripper_state | {_FINGERS}",
-        "object_pose": _POSE_AT_VIEW,
-        "tracking": "tracker.tracking",
-        "gpdf": "field",
-        "depth_image": "second.depth_image",
-    },
+    "second_foreground": _SECOND | _TRACKED,
     "second_segmentation": {
         "point_cloud": "second.point_cloud",
         "label_image": "second_foreground.label_image",
@@ -87,21 +87,9 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "track": "remote_tracker.track",
     },
     "remote_tracker": {
-        "point_cloud": "cloud",
-        "color_image": "color",
-        "depth_image": "depth",
-        "image_time": "camera.stamp",
+        **_CAMERA,
+        **{f"second_{name}": source for name, source in _SECOND.items()},
         "stamp": "camera.stamp",
-        "camera_pose": "camera.pose",
-        "position": f"camera.position | {_POSITION}",
-        "second_point_cloud": "second.point_cloud",
-        "second_color_image": "second_color",
-        "second_depth_image": "second.depth_image",
-        "second_image_time": "second.stamp",
-        "second_camera_pose": "second.pose",
-        "second_position": f"second.position | {_POSITION}",
-        "gripper_state": f"camera.gripper_state | {_FINGERS}",
-        "second_gripper_state": f"second.gripper_state | {_FINGERS}",
         "perceived": "perception.perceived",
         "gpdf": "field",
         "phase": "hand_phase",

@@ -13,7 +13,7 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 
 from feasigrasp.errors import CameraError, ScenarioError
-from feasigrasp.models.arrays import Mask
+from feasigrasp.models.arrays import Array, Floats, Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
@@ -31,7 +31,34 @@ from feasigrasp.systems.ports import (
 )
 
 
-class ForegroundSegmentation(LeafSystem):
+class _Segmentation(LeafSystem):
+    """Input ports of a camera's image, and of the arm at its instant."""
+
+    def __init__(self, camera: Camera, bodies: ModeledBodies) -> None:
+        super().__init__()
+        self._camera, self._bodies = camera, bodies
+        self._cloud = declare_input(self, "point_cloud", PointCloud())
+        self._image_time = self.DeclareVectorInputPort("image_time", 1)
+        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
+        self._position = self.DeclareVectorInputPort("position", bodies.arm.joints)
+        self._gripper = self.DeclareVectorInputPort("gripper_state", 2)
+
+    def _time(self, context: Context) -> float:
+        """When the image was taken [s]; NaN before the first."""
+        return scalar(self._image_time, context, context.get_time())
+
+    def _kinds(self, context: Context, points: Floats, X_WC: Array) -> NDArray[np.uint8]:
+        """What is at each point (n, 3) by the modeled bodies, a `Kind`, shape (n,)."""
+        q, opening = self._position.Eval(context), float(self._gripper.Eval(context)[0])
+        return self._bodies.kinds(points, X_WC, q, opening, self._camera.depth_noise)
+
+    def _image(self, labels: NDArray[np.int16] | Label) -> ImageLabel16I:
+        image = ImageLabel16I(self._camera.width, self._camera.height)
+        image.mutable_data[:, :, 0] = labels
+        return image
+
+
+class ForegroundSegmentation(_Segmentation):
     """Labels the pixels of a depth camera's point cloud: object, robot, surroundings.
 
     .. pydrake_system::
@@ -66,13 +93,8 @@ class ForegroundSegmentation(LeafSystem):
         The hue of the carrier [deg] is None without a color gate. Until the first image it looks
         every ``period`` seconds.
         """
-        super().__init__()
-        self._camera, self._bodies, self._carrier_hue = camera, bodies, carrier_hue
-        self._cloud = declare_input(self, "point_cloud", PointCloud())
-        self._image_time = self.DeclareVectorInputPort("image_time", 1)
-        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
-        self._position = self.DeclareVectorInputPort("position", bodies.arm.joints)
-        self._gripper = self.DeclareVectorInputPort("gripper_state", 2)
+        super().__init__(camera, bodies)
+        self._carrier_hue = carrier_hue
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
         self._tracking = declare_input(
             self, "tracking", Tracking(TrackingState.SEARCHING, float("inf"))
@@ -118,10 +140,6 @@ class ForegroundSegmentation(LeafSystem):
     def _contradicted(self, context: Context) -> bool:
         return bool(self._through.Eval(context)[1] >= 3)
 
-    def _time(self, context: Context) -> float:
-        """When the image was taken [s]; NaN before the first."""
-        return scalar(self._image_time, context, context.get_time())
-
     def _calc(self, context: Context) -> ImageLabel16I:
         time, first = self._first.Eval(context)
         known = Known(
@@ -131,16 +149,14 @@ class ForegroundSegmentation(LeafSystem):
             before=first,
             waited=0.0 if time is None else self._time(context) - time,
         )
-        q, opening = self._position.Eval(context), float(self._gripper.Eval(context)[0])
-        view, camera = self._view(context), self._camera
-        kinds = self._bodies.kinds(view.points, view.X_WC, q, opening, camera.depth_noise)
+        view = self._view(context)
+        kinds = self._kinds(context, view.points, view.X_WC)
         if self._carrier_hue is not None:
             on_carrier = in_color_gate(self._color.Eval(context).data, self._carrier_hue)
             kinds[(kinds == Kind.FREE) & on_carrier] = Kind.CARRIER
-        labels = segment(view, known, kinds, self._bodies.hand(q), camera)
-        image = ImageLabel16I(self._camera.width, self._camera.height)
-        image.mutable_data[:, :, 0] = Label.UNCLEAR if self._contradicted(context) else labels
-        return image
+        hand = self._bodies.hand(self._position.Eval(context))
+        labels = segment(view, known, kinds, hand, self._camera)
+        return self._image(Label.UNCLEAR if self._contradicted(context) else labels)
 
 
 def _compile(camera: Camera, bodies: ModeledBodies) -> None:
@@ -160,7 +176,7 @@ def _compile(camera: Camera, bodies: ModeledBodies) -> None:
 MaskFn = Callable[[NDArray[np.uint8], NDArray[np.float32], float], Mask]
 
 
-class MaskSegmentation(LeafSystem):
+class MaskSegmentation(_Segmentation):
     """Labels the pixels of a camera: the object by a mask function, the robot by its joints.
 
     .. pydrake_system::
@@ -187,18 +203,13 @@ class MaskSegmentation(LeafSystem):
             ScenarioError: The mask cannot be called; later, a `CameraError` if what it returns is
                 no mask of the image.
         """
-        super().__init__()
+        super().__init__(camera, bodies)
         if not callable(mask):
             raise ScenarioError(
                 f"the segmentation is a {type(mask).__name__}; give a callable (color, depth, time)"
                 " -> mask"
             )
-        self._mask, self._camera, self._bodies = mask, camera, bodies
-        self._cloud = declare_input(self, "point_cloud", PointCloud())
-        self._image_time = self.DeclareVectorInputPort("image_time", 1)
-        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
-        self._position = self.DeclareVectorInputPort("position", bodies.arm.joints)
-        self._gripper = self.DeclareVectorInputPort("gripper_state", 2)
+        self._mask = mask
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
         # Time and labels of the last image: each is masked once, whoever reads it and when.
         last = ValueProducer(to_value((np.nan, None)).Clone, weakly(self._look))
@@ -209,7 +220,7 @@ class MaskSegmentation(LeafSystem):
         return self.get_cache_entry(self._last).Eval(context)[1]
 
     def _look(self, context: Context, last: AbstractValue) -> None:
-        time = scalar(self._image_time, context, context.get_time())
+        time = self._time(context)
         if time != last.get_value()[0]:  # nor is NaN, before the first image
             last.set_value((time, self._labels(context, time)))
 
@@ -223,8 +234,7 @@ class MaskSegmentation(LeafSystem):
                 f"{color.shape[0]} pixels, but the camera has {camera.width} x {camera.height}"
             )
         X_WC = self._camera_pose.Eval(context).GetAsMatrix4()
-        q, opening = self._position.Eval(context), float(self._gripper.Eval(context)[0])
-        kinds = self._bodies.kinds(points, X_WC, q, opening, camera.depth_noise).reshape(shape)
+        kinds = self._kinds(context, points, X_WC).reshape(shape)
         seen = kinds != Kind.UNOBSERVED
         depth = np.full(shape, np.inf, dtype=np.float32)
         depth[seen] = (points[seen.ravel()] - X_WC[:3, 3]) @ X_WC[:3, 2]
@@ -233,9 +243,7 @@ class MaskSegmentation(LeafSystem):
             mask = checked_mask(self._mask(color, depth, time), shape, self._mask)
         labels = np.where(mask, np.int16(Label.OBJECT), np.int16(Label.SURROUNDINGS))
         labels[kinds == Kind.ROBOT] = Label.ROBOT
-        image = ImageLabel16I(camera.width, camera.height)
-        image.mutable_data[:, :, 0] = labels
-        return image
+        return self._image(labels)
 
 
 def checked_mask(mask: Any, shape: tuple[int, int], made_by: Any) -> Mask:

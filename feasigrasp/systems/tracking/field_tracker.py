@@ -5,7 +5,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.perception import PointCloud
@@ -22,7 +21,7 @@ from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.tracking.tracker import FieldTrack, track
 from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, weakly
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, scalar, weakly
 
 #: Images of two cameras that are no farther apart than this count as taken at once [s]. Source:
 #: guessed.
@@ -35,27 +34,10 @@ class FieldTracker(LeafSystem):
     .. pydrake_system::
 
         name: FieldTracker
-        input_ports:
-        - point_cloud
-        - camera_pose
-        - depth_image
-        - image_time
-        - perceived
-        - phase
-        - track
-        - second_point_cloud
-        - second_camera_pose
-        - second_depth_image
-        - second_image_time
-        output_ports:
-        - object_pose
-        - object_velocity
-        - object_motion
-        - tracking
-        - keyframe
-        - pose_at_view
-        - stamp
-        - track
+        input_ports: [point_cloud, camera_pose, depth_image, image_time, perceived, phase, track,
+          second_point_cloud, second_camera_pose, second_depth_image, second_image_time]
+        output_ports: [object_pose, object_velocity, object_motion, tracking, keyframe,
+          pose_at_view, stamp, track]
 
     ``point_cloud`` shows the object only, in the world frame; ``camera_pose`` X_WC is that at which
     it was taken, ``depth_image`` the whole image that it is a part of, from which the tracker
@@ -86,15 +68,11 @@ class FieldTracker(LeafSystem):
     ) -> None:
         """A tracker of what ``camera`` sees, and ``second`` where that does not show the object."""
         super().__init__()
-        self._camera, self._config = camera, config or TrackerConfig()
-        self._cloud = declare_input(self, "point_cloud", PointCloud())
-        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
-        self._depth = declare_input(self, "depth_image", ImageDepth32F(1, 1))
-        self._image_time = self.DeclareVectorInputPort("image_time", 1)
+        self._config, self._first = config or TrackerConfig(), _Images(self, camera)
         self._perceived = declare_input(self, "perceived", kind=Perceived | None)
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._given = declare_input(self, "track", kind=FieldTrack | None)
-        self._second = None if second is None else _SecondCamera(self, second)
+        self._second = None if second is None else _Images(self, second, "second_")
         self._track = PeriodicState(self, FieldTrack(), self._config.image_period, self._looked)
         state = {self._track.ticket(), self._given.ticket()}
         now = {*state, self.time_ticket()}
@@ -105,7 +83,7 @@ class FieldTracker(LeafSystem):
         declare_output(self, "object_motion", self._calc_motion, now)
         declare_output(self, "tracking", self.tracking, now)
         declare_output(self, "keyframe", lambda context: self._known(context).keyframe, state)
-        at_view = {*now, self._image_time.ticket()}
+        at_view = {*now, self._first.time_ticket}
         declare_output(self, "pose_at_view", self._calc_at_view, at_view, model=RigidTransform())
         self.DeclareVectorOutputPort("stamp", 1, weakly(self._calc_stamp), state)
         # Others do not need the shape that it tracks by, and it is large.
@@ -140,22 +118,16 @@ class FieldTracker(LeafSystem):
 
     def _look(self, context: Context) -> FieldTrack:
         before: FieldTrack = self._track.Eval(context)
-        time = self._time_of_image(context)
+        time = self._first.time(context)
         if not time > before.image_time:  # nor before the first image, whose time is not a number
             return before
         perceived: Any = self._perceived.Eval(context)
-        xyz = self._cloud.Eval(context).xyzs().T
-        depth = self._depth.Eval(context).data[:, :, 0] if self._depth.HasValue(context) else None
-        view = _view(self._camera, self._camera_pose.Eval(context), xyz, depth)
-        held = self._phase.HasValue(context) and self._phase.Eval(context)[0] > Phase.CLOSE
-        second = partial(self._second.view, context, time) if self._second is not None else None
+        held = scalar(self._phase, context, Phase.APPROACH) > Phase.CLOSE
+        second = partial(self._second.view_at, context, time) if self._second is not None else None
         learnt = {"gpdf": perceived.gpdf, "views": perceived.views, "looked": perceived.looked}
-        after = track(before, view, time, **learnt, held=bool(held), second=second)
+        view = self._first.view(context)
+        after = track(before, view, time, **learnt, held=held, second=second)
         return replace(after, delay=context.get_time() - time)
-
-    def _time_of_image(self, context: Context) -> float:
-        stamped = self._image_time.HasValue(context)
-        return float(self._image_time.Eval(context)[0]) if stamped else context.get_time()
 
     @staticmethod
     def _expected(found: FieldTrack, state: TrackingState, time: float) -> Array:
@@ -172,7 +144,7 @@ class FieldTracker(LeafSystem):
         return RigidTransform(self._expected(found, found.state(time, self._config.silence), time))
 
     def _calc_at_view(self, context: Context) -> RigidTransform:
-        found, time = self._known(context), self._time_of_image(context)
+        found, time = self._known(context), self._first.time(context)
         if found.estimate is None:
             return RigidTransform(np.full((4, 4), np.nan))
         now = context.get_time()
@@ -203,33 +175,32 @@ class FieldTracker(LeafSystem):
         return MotionEstimate(motion, time, tracking.expected)
 
 
-class _SecondCamera:
-    """The ports of a second camera."""
+class _Images:
+    """The ports of a camera's images; their names begin with ``prefix``."""
 
-    def __init__(self, tracker: LeafSystem, camera: Camera) -> None:
+    def __init__(self, tracker: LeafSystem, camera: Camera, prefix: str = "") -> None:
         self._camera = camera
-        self._cloud = declare_input(tracker, "second_point_cloud", PointCloud())
-        self._camera_pose = declare_input(tracker, "second_camera_pose", RigidTransform())
-        self._depth = declare_input(tracker, "second_depth_image", ImageDepth32F(1, 1))
-        self._image_time = tracker.DeclareVectorInputPort("second_image_time", 1)
+        self._cloud = declare_input(tracker, f"{prefix}point_cloud", PointCloud())
+        self._camera_pose = declare_input(tracker, f"{prefix}camera_pose", RigidTransform())
+        self._depth = declare_input(tracker, f"{prefix}depth_image", ImageDepth32F(1, 1))
+        self._time = tracker.DeclareVectorInputPort(f"{prefix}image_time", 1)
+        self.time_ticket = self._time.ticket()
 
-    def view(self, context: Context, time: float) -> ObjectView | None:
+    def time(self, context: Context) -> float:
+        """When the present image was taken [s]; now if nothing says so."""
+        return scalar(self._time, context, context.get_time())
+
+    def view(self, context: Context) -> ObjectView:
+        """What the present image shows."""
+        xyz = self._cloud.Eval(context).xyzs().T
+        points = np.asarray(xyz[np.isfinite(xyz).all(axis=1)], dtype=float)
+        depth = self._depth.Eval(context).data[:, :, 0] if self._depth.HasValue(context) else None
+        X_WC = self._camera_pose.Eval(context).GetAsMatrix4()
+        return ObjectView(self._camera, X_WC, points, depth)
+
+    def view_at(self, context: Context, time: float) -> ObjectView | None:
         """What it saw at a time; None if it saw nothing within `_AT_ONCE` of it."""
-        if not self._cloud.HasValue(context):
+        stamped = self._time.HasValue(context)
+        if stamped and not abs(self.time(context) - time) <= _AT_ONCE:
             return None
-        stamped = self._image_time.HasValue(context)
-        if stamped and not abs(self._image_time.Eval(context)[0] - time) <= _AT_ONCE:
-            return None
-        return _view(
-            self._camera,
-            self._camera_pose.Eval(context),
-            self._cloud.Eval(context).xyzs().T,
-            self._depth.Eval(context).data[:, :, 0] if self._depth.HasValue(context) else None,
-        )
-
-
-def _view(
-    camera: Camera, X_WC: RigidTransform, xyz: NDArray[Any], depth: NDArray[Any] | None
-) -> ObjectView:
-    points = np.asarray(xyz[np.isfinite(xyz).all(axis=1)], dtype=float)
-    return ObjectView(camera, X_WC.GetAsMatrix4(), points, depth)
+        return self.view(context) if self._cloud.HasValue(context) else None
