@@ -162,7 +162,7 @@ def make_dynamic_grasp(
             )
         # A fault of the mask has no place over there.
         tracks = not tracker and not scenario.faults and tracks_from_depth(scenario)
-        add_perception(cell, remote_object(cell), tracks_elsewhere=tracks)
+        add_perception(cell, remote_object(scenario, cell.simulated), tracks_elsewhere=tracks)
     else:
         add_perception(
             cell,
@@ -173,7 +173,7 @@ def make_dynamic_grasp(
     _check_controller(made, reachability.arm)
     planner = None
     if cell.remote and not controller and isinstance(made, GraspController):
-        planner = remote_planner(cell, made.period)
+        planner = remote_planner(scenario, cell.simulated, made.period)
     add_control(cell, reachability, made, planner)
     add_status(cell)
     if isinstance(station, Station):

@@ -207,10 +207,10 @@ def make_scene(scenario: Scenario, gripper: Gripper, labels: Iterable[int]) -> P
 def make_perception(scenario: Scenario) -> LeafSystem:
     """The view fusion of a scenario: periodic views, or keyframes of the tracker."""
     config, tracker = scenario.perception, scenario.tracker
-    camera = tracker.kind == TrackerKind.CAMERA
-    make = KeyframesToGPDF if camera else PointCloudToGPDF
-    return make(
-        tracker.image_period if camera else config.period,
+    if tracker.kind == TrackerKind.CAMERA:
+        return KeyframesToGPDF(tracker.image_period, config)
+    return PointCloudToGPDF(
+        config.period,
         preset=config.preset,
         max_points=config.max_points,
         length_scale=config.length_scale,

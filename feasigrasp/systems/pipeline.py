@@ -209,13 +209,15 @@ def add_perception(
         if config.second_camera:
             _add_second_camera(cell, tracks_elsewhere)
         if tracks_elsewhere:
-            cell.add("remote_tracker", remote_tracker(cell))
+            cell.add("remote_tracker", remote_tracker(cell.scenario, cell.simulated))
     if sampler is not None:
         cell.add("sampler", make_grasp_sampler(cell.scenario, sampler, cell.gripper))
     cell.add("latency", cell.late(GraspSet.empty()))
     if cell.scenario.scene.enabled:
-        make = remote_scene(cell, no_scene) if cell.remote else None
-        scene = make or make_scene(cell.scenario, cell.gripper, no_scene)
+        if cell.remote:
+            scene = remote_scene(cell.scenario, cell.simulated, no_scene)
+        else:
+            scene = make_scene(cell.scenario, cell.gripper, no_scene)
         cell.add("scene_perception", scene)
 
 

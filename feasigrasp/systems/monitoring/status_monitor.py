@@ -77,30 +77,31 @@ class _Reported(Frozen):
     looks: tuple[Status, ...] = ()
     rejected: tuple[tuple[float, Mapping[str, Mapping[str, int]]], ...] = ()
 
-    def received(self, time: float, code: StatusCode, detail: str, *known: Any) -> _Reported:
-        """With what is judged now, the two counts and X_OH; what passes at once is not said.
+    def received(self, time: float, code: StatusCode, detail: str) -> _Reported:
+        """With what is judged now; what passes at once is not said.
 
         Of a hand that follows it is said again every `AGAIN` seconds what keeps it from closing.
         """
         if self.history and code == self.history[-1].code:
-            last = self.history[-1]
-            now = Status(last.time, code, detail)
-            if code is StatusCode.FOLLOWING and time - last.time >= AGAIN - 1e-9:
-                now = Status(time, code, detail)
-                return _Reported((*self.history, now), None, now, *known)
-            return _Reported(self.history, None, now, *known)
+            said = self.history[-1].time
+            if code is StatusCode.FOLLOWING and time - said >= AGAIN - 1e-9:
+                return self._with(Status(time, code, detail))
+            return replace(self, next=None, now=Status(said, code, detail))
         since = self.next.time if self.next is not None and self.next.code == code else time
         now = Status(since, code, detail)
-        if time - now.time >= LASTS.get(code, PERIOD) - 1e-9:
-            return _Reported((*self.history, now), None, now, *known)
-        return _Reported(self.history, now, self.now, *known)
+        if time - since >= LASTS.get(code, PERIOD) - 1e-9:
+            return self._with(now)
+        return replace(self, next=now)
 
-    def looked(self, time: float, before: tuple[Status, ...]) -> _Reported:
-        """With what goes on now added to ``before``, if it is another or has another detail."""
-        now, last = self.now, before[-1] if before else None
+    def _with(self, said: Status) -> _Reported:
+        return replace(self, history=(*self.history, said), next=None, now=said)
+
+    def looked(self, time: float) -> _Reported:
+        """With what goes on now, if it is another than at the last look or has another detail."""
+        now, last = self.now, self.looks[-1] if self.looks else None
         if now is None or (last and (now.code, now.detail) == (last.code, last.detail)):
-            return replace(self, looks=before)
-        return replace(self, looks=(*before, Status(time, now.code, now.detail)))
+            return self
+        return replace(self, looks=(*self.looks, Status(time, now.code, now.detail)))
 
     def counted(self, time: float, counts: Mapping[str, Mapping[str, int]]) -> _Reported:
         """With the rejections of now, if they are others, at most once every `COUNTED` seconds."""
@@ -243,14 +244,12 @@ class StatusMonitor(LeafSystem):
                 unmet=unmet,
             )
         )
-        held = X_OH if held is None else held
-        time = context.get_time()
-        now = reported.received(time, code, detail, command_faults, touches, held)
-        now = replace(now.looked(time, reported.looks), rejected=reported.rejected)
-        dropped = {"sampler": dict(grasps.rejected), "reachability": judged}
-        return now.counted(
-            time, {stage: {k: n for k, n in of.items() if n} for stage, of in dropped.items()}
-        )
+        time, held = context.get_time(), X_OH if held is None else held
+        now = reported.received(time, code, detail).looked(time)
+        dropped = {"sampler": grasps.rejected, "reachability": judged}
+        counts = {stage: {k: n for k, n in of.items() if n} for stage, of in dropped.items()}
+        now = replace(now, command_faults=command_faults, touches=touches, X_OH=held)
+        return now.counted(time, counts)
 
     def _hand(self, context: Context) -> Array | None:
         """Pose of the hand in the object, shape (4, 4); None while that is nowhere."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder
@@ -26,19 +26,6 @@ from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.remote.remote_stage import RemoteStage
 from feasigrasp.systems.remote.served import inputs_of, outputs_of
 from feasigrasp.systems.stages.controllers import make_reachability
-
-
-class RemoteCell(Protocol):
-    """The part of a cell that remote stages read."""
-
-    @property
-    def scenario(self) -> Scenario:
-        """The scenario."""
-
-    @property
-    def simulated(self) -> bool:
-        """Whether its time is that of a simulation."""
-
 
 #: Inputs that each camera has its own of.
 _OF_A_CAMERA = (
@@ -136,19 +123,19 @@ def make_tracker_stage(text: str) -> Diagram:
     return builder.Build()
 
 
-def remote_object(cell: RemoteCell) -> RemoteStage:
-    """The proxy of `make_object_stage`.
+def remote_object(scenario: Scenario, simulated: bool) -> RemoteStage:
+    """The proxy of `make_object_stage`; in a cell that is ``simulated`` it takes its latency.
 
     Raises:
         ScenarioError: A fault of the scenario lies within it.
     """
-    scenario = cell.scenario
     if any(isinstance(fault, PerceptionLate) for fault in scenario.faults):
         raise ScenarioError(
             "!PerceptionLate delays what happens inside of perception.execution: processes; give "
             "perception: {execution: inline}, or a perception.latency"
         )
-    return _remote(cell, make_object_stage, _object_period(scenario), _after_image(scenario))
+    times = _object_period(scenario), _after_image(scenario)
+    return _remote(scenario, simulated, make_object_stage, *times)
 
 
 def _object_period(scenario: Scenario) -> float:
@@ -157,21 +144,22 @@ def _object_period(scenario: Scenario) -> float:
     return scenario.tracker.image_period if camera else scenario.perception.period
 
 
-def remote_scene(cell: RemoteCell, labels: Iterable[int]) -> RemoteStage:
+def remote_scene(scenario: Scenario, simulated: bool, labels: Iterable[int]) -> RemoteStage:
     """The proxy of `make_scene_stage`."""
-    config, known = cell.scenario, sorted(set(labels))
-    return _remote(cell, make_scene_stage, config.scene.period, _after_image(config), labels=known)
+    times, known = (scenario.scene.period, _after_image(scenario)), sorted(set(labels))
+    return _remote(scenario, simulated, make_scene_stage, *times, labels=known)
 
 
-def remote_tracker(cell: RemoteCell) -> RemoteStage:
+def remote_tracker(scenario: Scenario, simulated: bool) -> RemoteStage:
     """The proxy of `make_tracker_stage`."""
-    return _remote(cell, make_tracker_stage, cell.scenario.tracker.image_period, PROMPT_LATENCY)
+    period = scenario.tracker.image_period
+    return _remote(scenario, simulated, make_tracker_stage, period, PROMPT_LATENCY)
 
 
-def remote_planner(cell: RemoteCell, period: float) -> RemoteStage:
+def remote_planner(scenario: Scenario, simulated: bool, period: float) -> RemoteStage:
     """The proxy of `make_planner_stage`, for a controller that plans every ``period`` [s]."""
-    time = cell.scenario.control.planning_time or PROMPT_LATENCY
-    return _remote(cell, make_planner_stage, period, time)
+    time = scenario.control.planning_time or PROMPT_LATENCY
+    return _remote(scenario, simulated, make_planner_stage, period, time)
 
 
 def _after_image(scenario: Scenario) -> float:
@@ -191,8 +179,13 @@ def add_lapsed(builder: DiagramBuilder) -> None:
 
 
 def _remote(
-    cell: RemoteCell, make: Callable[..., System], period: float, latency: float, **options: Any
+    scenario: Scenario,
+    simulated: bool,
+    make: Callable[..., System],
+    period: float,
+    latency: float,
+    **options: Any,
 ) -> RemoteStage:
     """What ``make`` makes of the scenario; the latency counts where the cell is simulated."""
-    made = partial(make, dump_scenario(cell.scenario), **options)
-    return RemoteStage(made, period, latency=latency if cell.simulated else None)
+    made = partial(make, dump_scenario(scenario), **options)
+    return RemoteStage(made, period, latency=latency if simulated else None)

@@ -22,50 +22,26 @@ class KeyframesToGPDF(LeafSystem):
     .. pydrake_system::
 
         name: KeyframesToGPDF
-        input_ports:
-        - keyframe
-        output_ports:
-        - gpdf
-        - perceived
-        - view_time
-        - view_faults
+        input_ports: [keyframe]
+        output_ports: [gpdf, perceived, view_time, view_faults]
 
     The tracker says which views are worth merging, and has registered them to the field already:
     they are merged where they are, and O does not move. Where it has begun anew, with another O,
     what was merged is forgotten. A keyframe that cannot be used is counted in ``view_faults``.
     """
 
-    def __init__(
-        self,
-        period: float,
-        *,
-        preset: str = DEFAULT,
-        max_points: int = PerceptionConfig.max_points,
-        length_scale: float = PerceptionConfig.length_scale,
-        voxel_size: float = PerceptionConfig.voxel_size,
-        hidden_side: bool = True,
-        max_views: int = 0,
-    ) -> None:
-        """A perception that looks for a new keyframe every ``period`` seconds.
-
-        Args:
-            period: Time between looks [s].
-            preset: Which field, see `complete_shape`.
-            max_points: Surface points that the field is fitted to.
-            length_scale: Length scale of the field's kernel [m].
-            voxel_size: Resolution at which keyframes are merged [m].
-            hidden_side: Whether what lies behind the seen surface is guessed (default preset only).
-            max_views: Largest number of keyframes that are merged; 0 for all.
-        """
+    def __init__(self, period: float, config: PerceptionConfig | None = None) -> None:
+        """A perception that looks for a new keyframe every ``period`` seconds."""
         super().__init__()
-        self._max_views = max_views
+        config = config or PerceptionConfig()
+        self._max_views, preset = config.views, config.preset
         self._options: dict[str, Any] = {
             "preset": preset,
-            "max_points": max_points,
-            "length_scale": length_scale,
-            "learnt": hidden_side,
+            "max_points": config.max_points,
+            "length_scale": config.length_scale,
+            "learnt": config.hidden_side,
         }
-        nothing = LearntShape(FusedCloud.empty(voxel_size, smooth=preset == DEFAULT))
+        nothing = LearntShape(FusedCloud.empty(config.voxel_size, smooth=preset == DEFAULT))
         cap = sphere_points(400, 0.03)
         seen = Keyframe(cap[cap[:, 2] > 0.0], np.array([0.0, 0.0, 0.5]), 0.0)
         compiled = nothing.merged(seen, **self._options).gpdf  # before the first tick
