@@ -93,16 +93,11 @@ class GripperSequencer(LeafSystem):
         gives_up: bool = False,
         arm: Arm = IIWA_7,
     ) -> None:
-        """A sequencer for one gripper.
+        """A sequencer that advances every ``period`` [s] as ``config`` says.
 
-        Args:
-            config: When the gripper closes, and what happens then.
-            gripper: The gripper.
-            period: Time between states [s].
-            looks: With a camera on the arm, to look for objects that are out of sight.
-            gives_up: Whether grasps that the hand comes no nearer to are left out, and low-scoring
-                ones while there are others.
-            arm: The arm.
+        It ``looks`` for objects that are out of sight with a camera on the arm. If it ``gives_up``,
+        grasps that the hand comes no nearer to are left out, and low-scoring ones while there are
+        others.
         """
         super().__init__()
         self._looks, self._gives_up, self._config = looks, gives_up and config.close, config

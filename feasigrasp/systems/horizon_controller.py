@@ -42,12 +42,7 @@ class HorizonController(GraspController):
 
     @checked(ControlError)
     def __init__(self, reachability: Reachability, options: HorizonOptions | None = None) -> None:
-        """A controller of `next_plan`.
-
-        Args:
-            reachability: What the arm can reach, and its gripper.
-            options: Weights and limits.
-        """
+        """A controller of `next_plan`, with weights and limits as ``options``."""
         self._options = options or HorizonOptions(
             program=ProgramOptions(safety=SafetyOptions.of(reachability.arm))
         )

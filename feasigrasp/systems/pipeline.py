@@ -68,7 +68,7 @@ class Cell:
         signals: Sources that the table of connections names by one word. ``measured_pose``,
             ``cloud``, ``depth``, ``labels``, ``field`` and ``velocity`` are ports behind the
             scenario's faults; ``exposed`` is when the last view was taken; ``color``,
-            ``hand_camera``, ``hand_phase``, ``remote_stamp`` and ``second_...`` are there where
+            ``second_color``, ``hand_camera``, ``hand_phase`` and ``remote_stamp`` are there where
             this scenario needs them.
     """
 
@@ -214,6 +214,7 @@ def add_perception(
         cell.add("sampler", make_grasp_sampler(cell.scenario, sampler, cell.gripper))
     cell.add("latency", cell.late(GraspSet.empty()))
     if cell.scenario.scene.enabled:
+        scene: LeafSystem
         if cell.remote:
             scene = remote_scene(cell.scenario, cell.simulated, no_scene)
         else:
@@ -230,8 +231,6 @@ def _add_second_camera(cell: Cell, tracks_elsewhere: bool) -> None:
     foreground = make_foreground_segmentation(cell.scenario, cell.gripper, name, cell.mask)
     cell.add("second_foreground", foreground)
     cell.add("second_segmentation", make_object_pixels(cell.scenario, name))
-    for signal, port in (("depth", "depth_image"), ("stamp", "stamp"), ("pose", "pose")):
-        cell.signal(f"second_{signal}", cell.camera_port(port, second=True))
 
 
 def _color_image(cell: Cell, *, second: bool = False) -> OutputPort | None:

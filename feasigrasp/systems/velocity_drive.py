@@ -39,12 +39,7 @@ class VelocityDrive(LeafSystem):
 
     @checked(ControlError)
     def __init__(self, period: Positive, *, speed: PositiveShare = 1.0, arm: Arm = IIWA_7) -> None:
-        """A drive that updates every ``period`` seconds.
-
-        Args:
-            period: Control period [s].
-            speed: Share of the velocity limits that may be used, in (0, 1].
-            arm: The arm.
+        """A drive that updates every ``period`` [s], at a share ``speed`` of the velocity limits.
 
         Raises:
             ControlError: Another period or speed.

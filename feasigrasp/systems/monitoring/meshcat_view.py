@@ -86,11 +86,8 @@ class GraspVisualizer(LeafSystem):
     #: Most grasps drawn: enough to show their variety, few enough to see the object.
     MAX_REACHABLE, MAX_DROPPED = 8, 4
 
-    def __init__(self, meshcat: Meshcat, gripper: Gripper, *, period: float = 0.25) -> None:
-        """A visualizer of one object's grasps, with glyphs of the gripper.
-
-        Pictures come every ``period`` seconds; they move in between.
-        """
+    def __init__(self, meshcat: Meshcat, gripper: Gripper) -> None:
+        """A visualizer of one object's grasps, with glyphs of the gripper."""
         super().__init__()
         self._meshcat = meshcat
         self._glyph = gripper_glyph(gripper)
@@ -105,7 +102,8 @@ class GraspVisualizer(LeafSystem):
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self.DeclareInitializationPublishEvent(weakly(self._clear))
-        self.DeclarePeriodicPublishEvent(period, 0.0, weakly(self._draw))
+        # Time between two pictures [s].
+        self.DeclarePeriodicPublishEvent(0.25, 0.0, weakly(self._draw))
         # Time between two places of it, as between those of the arm [s].
         self.DeclarePeriodicPublishEvent(1.0 / 32.0, 0.0, weakly(self._move))
 

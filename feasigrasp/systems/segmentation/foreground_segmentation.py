@@ -191,13 +191,10 @@ class MaskSegmentation(_Segmentation):
     """
 
     def __init__(self, mask: MaskFn, camera: Camera, bodies: ModeledBodies) -> None:
-        """A segmentation of the images of a camera.
+        """A segmentation of the images of a camera, with the bodies of robot and cell.
 
-        Args:
-            mask: The function. It is called once for each image that is looked at, in the order of
-                time. It must not change the arrays that it is given.
-            camera: The camera.
-            bodies: The robot and its cell.
+        The mask function is called once for each image that is looked at, in the order of time. It
+        must not change the arrays that it is given.
 
         Raises:
             ScenarioError: The mask cannot be called; later, a `CameraError` if what it returns is

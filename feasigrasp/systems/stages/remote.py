@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Adder
 
 from feasigrasp.errors import ScenarioError
@@ -22,7 +22,7 @@ from feasigrasp.systems.from_scenario import (
     make_scene,
 )
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
-from feasigrasp.systems.ports import declare_output
+from feasigrasp.systems.ports import add_connected, declare_output
 from feasigrasp.systems.remote.remote_stage import RemoteStage
 from feasigrasp.systems.remote.served import inputs_of, outputs_of
 from feasigrasp.systems.stages.controllers import make_reachability
@@ -46,13 +46,12 @@ def make_object_stage(text: str) -> Diagram:
     builder = DiagramBuilder()
     perception = make_part(Part.PERCEPTION, scenario, reachability)
     builder.AddNamedSystem("perception", perception)
-    # `Served` does what is due at the very instants of the posts.
-    sampling = make_grasp_sampler(
+    sampler = make_grasp_sampler(
         *(scenario, make_part(Part.SAMPLER, scenario, reachability), reachability.gripper),
+        # `Served` does what is due at the very instants of the posts.
         period=_object_period(scenario),
     )
-    sampler = builder.AddNamedSystem("sampler", sampling)
-    builder.Connect(perception.GetOutputPort("gpdf"), sampler.get_input_port())
+    add_connected(builder, "sampler", sampler, gpdf=perception.GetOutputPort("gpdf"))
     for given in inputs_of(perception):
         builder.ExportInput(given, given.get_name())
     for output in (*outputs_of(perception), sampler.get_output_port()):
@@ -85,38 +84,38 @@ def make_tracker_stage(text: str) -> Diagram:
     """From images of the cell to the ``track`` of the object, for the scenario of a YAML text."""
     scenario = parse_scenario(text)
     reachability = make_reachability(scenario)
-    gripper, builder = reachability.gripper, DiagramBuilder()
-    tracker = make_part(Part.TRACKER, scenario, reachability)
-    inner: dict[tuple[System, str], OutputPort] = {}
-    of_camera: dict[System, str] = {}
+    builder = DiagramBuilder()
+    tracker = builder.AddNamedSystem("tracker", make_part(Part.TRACKER, scenario, reachability))
+    tracked = {
+        "object_pose": tracker.GetOutputPort("pose_at_view"),
+        "tracking": tracker.GetOutputPort("tracking"),
+    }
+    prefixes: dict[System, str] = {}
     cameras = {"": scenario.perception.camera, "second_": scenario.perception.second_camera}
     for prefix, name in cameras.items():
         if not name:
             continue
-        foreground = make_foreground_segmentation(scenario, gripper, name)
+        foreground = make_foreground_segmentation(scenario, reachability.gripper, name)
+        # One by a mask function does not read the track.
+        given = {key: port for key, port in tracked.items() if foreground.HasInputPort(key)}
+        add_connected(builder, f"{prefix}foreground", foreground, **given)
+        labels = foreground.GetOutputPort("label_image")
         segmentation = make_object_pixels(scenario, name)
-        builder.AddNamedSystem(f"{prefix}foreground", foreground)
-        builder.AddNamedSystem(f"{prefix}segmentation", segmentation)
-        of_camera |= {foreground: prefix, segmentation: prefix}
-        inner |= {
-            (foreground, "object_pose"): tracker.GetOutputPort("pose_at_view"),
-            (foreground, "tracking"): tracker.GetOutputPort("tracking"),
-            (segmentation, "label_image"): foreground.GetOutputPort("label_image"),
-            (tracker, f"{prefix}point_cloud"): segmentation.GetOutputPort("point_cloud"),
-        }
-    builder.AddNamedSystem("tracker", tracker)
+        add_connected(builder, f"{prefix}segmentation", segmentation, label_image=labels)
+        cloud = segmentation.GetOutputPort("point_cloud")
+        builder.Connect(cloud, tracker.GetInputPort(f"{prefix}point_cloud"))
+        prefixes |= {foreground: prefix, segmentation: prefix}
     exported: set[str] = set()
-    for system in (*of_camera, tracker):
+    for system in (*prefixes, tracker):
         for port in inputs_of(system):
             name = port.get_name()
-            if (system, name) in inner:
-                builder.Connect(inner[system, name], port)
+            if builder.IsConnectedOrExported(port) or name == "track":
                 continue
-            if name in _OF_A_CAMERA and system in of_camera:
-                name = of_camera[system] + name
+            if name in _OF_A_CAMERA:
+                name = prefixes.get(system, "") + name
             if name in exported:
                 builder.ConnectInput(name, port)
-            elif name != "track":
+            else:
                 builder.ExportInput(port, name)
                 exported.add(name)
     builder.ExportOutput(tracker.GetOutputPort("track"), "track")
@@ -173,9 +172,8 @@ def add_lapsed(builder: DiagramBuilder) -> None:
     """Adds ``lapsed``, greater than 0 (V1) while one of the processes is gone, if there are any."""
     stages = [system for system in builder.GetSystems() if isinstance(system, RemoteStage)]
     if stages:
-        some = builder.AddNamedSystem("lapsed", Adder(len(stages), 1))
-        for i, stage in enumerate(stages):
-            builder.Connect(stage.GetOutputPort("lapsed"), some.get_input_port(i))
+        lapsed = (stage.GetOutputPort("lapsed") for stage in stages)
+        add_connected(builder, "lapsed", Adder(len(stages), 1), *lapsed)
 
 
 def _remote(

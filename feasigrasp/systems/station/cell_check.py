@@ -42,7 +42,8 @@ def check_cell(
     context = plant.CreateDefaultContext()
     q = np.where(np.arange(arm.joints) % 2, -1.0, 1.0) * np.linspace(0.4, 1.0, arm.joints)
     q = np.clip(q, arm.lower, arm.upper)
-    plant.SetPositions(context, instance, _in_plant_order(plant, instance, q, arm))
+    _check_joint_names(plant, instance, arm)
+    plant.SetPositions(context, instance, q)
     for name, X_WL in _expected_links(q, arm):
         _compare(plant.GetFrameByName(name, instance), context, X_WL, _LINK_MEND)
     _check_limits(plant, instance, arm)
@@ -73,10 +74,7 @@ def _instance(plant: MultibodyPlant, name: str) -> ModelInstanceIndex:
     return plant.GetModelInstanceByName(name)
 
 
-def _in_plant_order(
-    plant: MultibodyPlant, instance: ModelInstanceIndex, q: Array, arm: Arm
-) -> Array:
-    """Positions in the plant's order, which is ours if the names of the joints are."""
+def _check_joint_names(plant: MultibodyPlant, instance: ModelInstanceIndex, arm: Arm) -> None:
     names = [plant.get_joint(i).name() for i in plant.GetJointIndices(instance)]
     moving = [name for name in names if plant.GetJointByName(name, instance).num_positions() > 0]
     if moving != list(arm.joint_names):
@@ -84,7 +82,6 @@ def _in_plant_order(
             f"the joints of {arm.name} are {', '.join(moving)}; expected are "
             f"{', '.join(arm.joint_names)}, in this order; {_LINK_MEND}"
         )
-    return q
 
 
 def _expected_links(q: Array, arm: Arm) -> Iterator[tuple[str, Array]]:

@@ -21,7 +21,7 @@ from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.tracking.tracker import FieldTrack, track
 from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, scalar, weakly
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, scalar
 
 #: Images of two cameras that are no farther apart than this count as taken at once [s]. Source:
 #: guessed.
@@ -73,7 +73,7 @@ class FieldTracker(LeafSystem):
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._given = declare_input(self, "track", kind=FieldTrack | None)
         self._second = None if second is None else _Images(self, second, "second_")
-        self._track = PeriodicState(self, FieldTrack(), self._config.image_period, self._looked)
+        self._track = PeriodicState(self, FieldTrack(), self._config.image_period, self._look)
         state = {self._track.ticket(), self._given.ticket()}
         now = {*state, self.time_ticket()}
         declare_output(self, "object_pose", self._calc_pose, now, model=RigidTransform())
@@ -85,7 +85,9 @@ class FieldTracker(LeafSystem):
         declare_output(self, "keyframe", lambda context: self._known(context).keyframe, state)
         at_view = {*now, self._first.time_ticket}
         declare_output(self, "pose_at_view", self._calc_at_view, at_view, model=RigidTransform())
-        self.DeclareVectorOutputPort("stamp", 1, weakly(self._calc_stamp), state)
+        declare_output(
+            self, "stamp", lambda context: self._known(context).image_time, state, size=1
+        )
         # Others do not need the shape that it tracks by, and it is large.
         declare_output(
             self, "track", lambda context: replace(self._known(context), model=None), state
@@ -112,12 +114,10 @@ class FieldTracker(LeafSystem):
         found: FieldTrack = source.Eval(context)
         return found
 
-    def _looked(self, context: Context) -> FieldTrack:
-        given = self._given.HasValue(context)
-        return self._known(context) if given else self._look(context)
-
     def _look(self, context: Context) -> FieldTrack:
-        before: FieldTrack = self._track.Eval(context)
+        before = self._known(context)
+        if self._given.HasValue(context):
+            return before
         time = self._first.time(context)
         if not time > before.image_time:  # nor before the first image, whose time is not a number
             return before
@@ -138,22 +138,19 @@ class FieldTracker(LeafSystem):
         return found.estimate.pose(time, coasting=state is TrackingState.COASTING)
 
     def _calc_pose(self, context: Context) -> RigidTransform:
-        found, time = self._known(context), context.get_time()
-        if found.estimate is None:
-            return RigidTransform(np.full((4, 4), np.nan))
-        return RigidTransform(self._expected(found, found.state(time, self._config.silence), time))
+        return self._pose(context, context.get_time())
 
     def _calc_at_view(self, context: Context) -> RigidTransform:
-        found, time = self._known(context), self._first.time(context)
+        # Before the first image has come, its time is not a number.
+        time = self._first.time(context)
+        return self._pose(context, time if np.isfinite(time) else context.get_time())
+
+    def _pose(self, context: Context, time: float) -> RigidTransform:
+        found = self._known(context)
         if found.estimate is None:
             return RigidTransform(np.full((4, 4), np.nan))
-        now = context.get_time()
-        state = found.state(now, self._config.silence)
-        # Before the first image has come, its time is not a number.
-        return RigidTransform(self._expected(found, state, time if np.isfinite(time) else now))
-
-    def _calc_stamp(self, context: Context, stamp) -> None:
-        stamp.SetAtIndex(0, self._known(context).image_time)
+        state = found.state(context.get_time(), self._config.silence)
+        return RigidTransform(self._expected(found, state, time))
 
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
         """Twist now; NaN before the first view, and none once the object is lost."""

@@ -67,7 +67,7 @@ class Dut:
     """A visualizer whose inputs a test sets."""
 
     def __init__(self, meshcat: Meshcat) -> None:
-        self.system = GraspVisualizer(meshcat, ParallelGripper(), period=0.25)
+        self.system = GraspVisualizer(meshcat, ParallelGripper())
         self.simulator = Simulator(self.system)
         self.set(
             perceived=Perceived(FusedCloud.empty(0.003), None),
