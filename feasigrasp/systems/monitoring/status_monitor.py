@@ -83,18 +83,18 @@ class _Reported(Frozen):
         Of a hand that follows it is said again every `AGAIN` seconds what keeps it from closing.
         """
         if self.history and code == self.history[-1].code:
-            said = self.history[-1].time
-            if code is StatusCode.FOLLOWING and time - said >= AGAIN - 1e-9:
+            reported = self.history[-1].time
+            if code is StatusCode.FOLLOWING and time - reported >= AGAIN - 1e-9:
                 return self._with(Status(time, code, detail))
-            return replace(self, next=None, now=Status(said, code, detail))
+            return replace(self, next=None, now=Status(reported, code, detail))
         since = self.next.time if self.next is not None and self.next.code == code else time
         now = Status(since, code, detail)
         if time - since >= LASTS.get(code, PERIOD) - 1e-9:
             return self._with(now)
         return replace(self, next=now)
 
-    def _with(self, said: Status) -> _Reported:
-        return replace(self, history=(*self.history, said), next=None, now=said)
+    def _with(self, now: Status) -> _Reported:
+        return replace(self, history=(*self.history, now), next=None, now=now)
 
     def looked(self, time: float) -> _Reported:
         """With what goes on now, if it is another than at the last look or has another detail."""
