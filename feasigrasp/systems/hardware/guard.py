@@ -314,5 +314,6 @@ def end_at_signals(end: Callable[..., None], *, alone: bool) -> None:
 
 def _warm_up(guard: CommandGuard) -> None:
     """Lets all be compiled that a guard calls."""
+    q = np.zeros(guard.joints)
     for time_ in np.arange(0.0, 2.0 * CommandGuard.START_AFTER, channels.IIWA_PERIOD):
-        guard.command(time_, np.zeros(guard.joints))
+        guard.command(time_, q, q, time_)

@@ -36,7 +36,7 @@ def followed(guard, request, seconds):
     """Positions (k, 7) [rad] of an arm that is where it was sent."""
     q, sent = START.copy(), []
     for k in range(round(seconds / T)):
-        command = guard.command(k * T, q)
+        command = guard.command(k * T, q, q, k * T)
         guard.request(k * T, request(k * T))
         q = q if command is None else command
         sent.append(q)

@@ -147,16 +147,14 @@ class CommandGuard:
             del self._recent[next(iter(self._recent))]
         return True
 
-    def command(
-        self, time: float, measured: Array, held: Array | None = None, now: float | None = None
-    ) -> Array | None:
+    def command(self, time: float, measured: Array, held: Array, now: float) -> Array | None:
         """The positions to send at a status message; None if nothing may be sent.
 
         Args:
             time: Stamp of the message [s].
             measured: Measured positions [rad], shape (7,).
             held: Positions that the driver holds by its message [rad], shape (7,).
-            now: This computer's monotonic clock [s]; without it stamps alone count.
+            now: This computer's monotonic clock [s].
         """
         missing = self.clock.missing
         tick = self.clock.tick(time, now)
@@ -168,7 +166,7 @@ class CommandGuard:
             self._ahead = None
         if tick is not Tick.NONE:
             self._unanswered = 0
-        if missing and tick is Tick.NEXT and held is not None and not self._was_received(held):
+        if missing and tick is Tick.NEXT and not self._was_received(held):
             tick = Tick.GAP
         if tick in (Tick.BEGIN, Tick.GAP) or self._starting:
             self._rest(measured, held)
@@ -215,11 +213,11 @@ class CommandGuard:
         step = 0.5 * self.clock.period * max(np.abs(self._v).max(), 1e-6)
         return any(np.abs(held - q).max() <= step for q in self._coasted)
 
-    def _rest(self, measured: Array, held: Array | None) -> None:
+    def _rest(self, measured: Array, held: Array) -> None:
         """Begins where the driver is: at the position of its message, else at the last command."""
         self._v, self.moving = np.zeros(self._arm.joints), False
         for q, within in ((held, self.MAX_DISTANCE), (self._q, self.MAX_LEAD)):
-            if q is not None and np.abs(q - measured).max() <= within:
+            if np.abs(q - measured).max() <= within:
                 self._q = np.array(q, dtype=float)
                 return
         self._q = np.array(measured, dtype=float)

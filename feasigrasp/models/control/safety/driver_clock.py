@@ -90,15 +90,14 @@ class DriverClock:
         """Shortest cycle of late by this computer's clock [s]."""
         return max(min(self._intervals, default=0.0), JITTER * self.period)
 
-    def tick(self, stamp: float, now: float | None = None) -> Tick:
+    def tick(self, stamp: float, now: float) -> Tick:
         """What a status message means.
 
         Args:
             stamp: Its time stamp [s].
-            now: This computer's monotonic clock [s]; None counts by the stamps alone.
+            now: This computer's monotonic clock [s].
         """
-        passed = stamp - self._stamp
-        late = passed if now is None else now - self._now
+        passed, late = stamp - self._stamp, now - self._now
         self.passed = 0.0
         if passed == 0.0:
             return Tick.NONE
@@ -110,33 +109,28 @@ class DriverClock:
         in_turn = abs(error) <= JITTER * self.period
         if self.missing and not in_turn and late < IN_TIME * self._ratio * self.period:
             return Tick.NONE  # its cycle was counted, or the clock was set meanwhile
-        usual = self.interval if now is not None else self.period
-        if now is None:
-            if not in_turn and 0.0 < passed < self.period:
-                return Tick.NONE
-        elif (in_turn and error < (JITTER - 1.0) * self.period and late < JITTER * usual) or (
-            not in_turn and late < JITTER * usual
-        ):
+        usual = self.interval
+        too_soon = not in_turn or error < (JITTER - 1.0) * self.period
+        if too_soon and late < JITTER * usual:
             return Tick.NONE
-        else:
-            self._now = now
-            self._intervals.append(late)
-            if late < BURST * self.period:
-                self._skipped, self.passed = True, self.period
-                self._stamp, self._due = stamp, (self._due if in_turn else stamp) + self.period
-                return Tick.NONE
-            self._average += (min(late / self.period, 2.0) - self._average) / AVERAGED
-            self.rate = min(1.0, self._average / FASTER)
+        self._now = now
+        self._intervals.append(late)
+        if late < BURST * self.period:
+            self._skipped, self.passed = True, self.period
+            self._stamp, self._due = stamp, (self._due if in_turn else stamp) + self.period
+            return Tick.NONE
+        self._average += (min(late / self.period, 2.0) - self._average) / AVERAGED
+        self.rate = min(1.0, self._average / FASTER)
         stepped = not 0.0 < passed <= 2.0 * late + self.period
         most = LATE_AT_STEP if stepped else 1.0 + JITTER
-        left_out = not in_turn and (passed > 0.0 if now is None else late > most * usual)
+        left_out = not in_turn and late > most * usual
         gap, self._skipped = left_out or self._skipped, False
-        self._compare(stamp, self._now, again=not (gap or in_turn))
+        self._compare(stamp, now, again=not (gap or in_turn))
         self.passed = max(passed, self.period) if gap else self.period
         self._stamp, self.missing = stamp, 0
-        late = self._now - self.due
+        late = now - self.due
         # When it was sent: a message that is late moves that a little.
-        self._on_time = self._now - (0.9 * late if in_turn and late > 0.0 else 0.0)
+        self._on_time = now - (0.9 * late if in_turn and late > 0.0 else 0.0)
         # The next instant makes up for half of the error.
         self._due = (self._due + 0.5 * error if in_turn else stamp) + self.period
         return Tick.GAP if gap else Tick.NEXT if in_turn else Tick.STEPPED
@@ -187,22 +181,19 @@ class DriverClock:
             )
         return ""
 
-    def _begin(self, stamp: float, now: float | None) -> Tick:
-        self._stamp, self._stamps = stamp, []
-        self._now = 0.0 if now is None else now
+    def _begin(self, stamp: float, now: float) -> Tick:
+        self._stamp, self._stamps, self._now = stamp, [], now
         self._intervals.clear()
         self._average, self._skipped, self.missing = 1.0, False, 0
-        self._compare(stamp, self._now, again=True)
+        self._compare(stamp, now, again=True)
         return Tick.BEGIN
 
-    def _first(self, stamp: float, late: float, now: float | None) -> Tick:
+    def _first(self, stamp: float, late: float, now: float) -> Tick:
         """Of the messages that the period is measured with."""
         assert self._stamps is not None
         self.passed = max(0.0, min(stamp - self._stamp, late))
         if stamp > self._stamp:
             self._stamps.append(stamp - self._stamp)
-        self._stamp = stamp
-        if now is not None:
-            self._intervals.append(late)
-            self._now = now
+        self._stamp, self._now = stamp, now
+        self._intervals.append(late)
         return Tick.NEXT

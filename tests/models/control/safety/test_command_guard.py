@@ -18,7 +18,7 @@ def simulated(request, seconds, *, status=lambda k: True, speed=1.0):
         if not status(k):
             sent.append(np.full(7, np.nan))
             continue
-        command = guard.command(k * T, q)
+        command = guard.command(k * T, q, q, k * T)
         wanted = request(k * T)
         if wanted is not None:
             guard.request(k * T, wanted)
@@ -90,11 +90,11 @@ def test_whatever_is_asked_for_the_limits_are_kept(strange):
 def test_late_and_doubled_requests_are_not_used():
     guard = CommandGuard(T)
     for k in range(100):
-        guard.command(k * T, START)
+        guard.command(k * T, START, START, k * T)
     assert guard.request(1.0, START) and guard.request(1.005, START)
     assert not guard.request(1.005, START) and not guard.request(0.9, START)
     for k in range(100, 200):  # long silent: another controller may begin, with a clock of its own
-        guard.command(k * T, START)
+        guard.command(k * T, START, START, k * T)
     assert guard.request(0.1, START)
 
 
