@@ -322,7 +322,6 @@ class GraspController(LeafSystem):
                 self._search(context)
             qd = self.velocity(memory, ControllerInputs(self, context))
             q = q + warm_up_step * self.in_view(qd, ControllerInputs(self, context))
-        self.safety.warm_up()
 
     def _declare_grid(
         self, name: str, port: InputPort, make_grid: Callable[[Any], ObstacleGrid]

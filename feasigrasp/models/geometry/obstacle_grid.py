@@ -43,6 +43,10 @@ class ObstacleGrid(Frozen):
         return distance, gradient
 
 
+#: Nothing to keep off. Source: definition.
+NO_GRID = ObstacleGrid(np.empty((0, 0, 0), dtype=np.float32), np.zeros(5))
+
+
 @dataclass(frozen=True, eq=False)
 class MovingObject:
     """A moving object as an obstacle, with extra clearance.

@@ -26,7 +26,7 @@ from feasigrasp.models.control.horizon.knots import Form, Knots, Meeting, Neighb
 from feasigrasp.models.control.horizon.program import ProgramOptions, positions, solve_program
 from feasigrasp.models.control.horizon.reference import INSTANT, reference_kernel
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
+from feasigrasp.models.geometry.obstacle_grid import NO_GRID, ObstacleGrid
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor, grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -49,12 +49,8 @@ _SAME_GRASP = np.array([0.012, 0.25])
 #: Grasps this close to the selected one are its neighbours [m, rad], if they are held in
 #: configurations this close to its own [rad]. Source: guessed.
 _NEIGHBOUR, _SAME_ARM = np.array([0.05, 0.6]), 0.6
-
-
 #: No grasp. Source: definition.
 _NO_GRASP = Neighbours(np.zeros((0, 4, 4)), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
-#: No object to keep off. Source: definition.
-_NO_SURFACE = ObstacleGrid(np.zeros((0, 0, 0), dtype=np.float32), np.zeros(5))
 
 
 @dataclass(frozen=True)
@@ -172,7 +168,7 @@ def next_plan(
         *(np.array(plan.q), np.array(plan.v_arrival)),
     )
     form = Form(*(np.empty((n, *shape)) for shape in ((joints, joints), (joints,), (joints,))))
-    grid, clearance = surface or _NO_SURFACE, program.safety.object_clearance
+    grid, clearance = surface or NO_GRID, program.safety.object_clearance
     kept_off = Surface(_open_hand(reachability.gripper), grid.values, grid.frame, clearance)
     corridor = options.corridor.parameters
     _shared_kernel(knots, plan.near, meeting, kept_off, corridor, X_FG, program.record, form)

@@ -16,7 +16,6 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.safety.velocity_limits import bounds_kernel
 from feasigrasp.models.geometry.obstacle_grid import box_distance_kernel, grid_kernel
 from feasigrasp.models.numerics.vectors import cross, dot, minus, step
-from feasigrasp.models.robot.arm import ACCELERATION
 from feasigrasp.models.robot.capsule_kernels import (
     add_lever,
     closest_parameters,
@@ -284,15 +283,6 @@ def _write_request(qd_preferred, J, V, rotation_weight, damping, H, f):
 
 
 @compiled
-def stop_kernel(H, f):
-    """Writes the objective of standing still."""
-    f[:] = 0.0
-    for i in range(len(H)):
-        for j in range(len(H)):
-            H[i, j] = 1.0 if i == j else 0.0
-
-
-@compiled
 def problem_kernel(request, options, body, obstacles, matrix, vector):
     """Writes the QP; returns the number of hard rows, -1 if the state is not finite, and of all.
 
@@ -319,8 +309,9 @@ def problem_kernel(request, options, body, obstacles, matrix, vector):
     upper[n : n + total] = 1e30
     if not _write_request(
         qd_preferred, J, V, settings.rotation_weight, settings.damping, matrix[:n], f
-    ):
-        stop_kernel(matrix[:n], f)
+    ):  # stand still
+        matrix[:n] = np.eye(n)
+        f[:] = 0.0
     return m, total
 
 
@@ -332,14 +323,3 @@ def clip_kernel(qd, vector):
         total += qd[i]
         qd[i] = min(max(qd[i], vector[0, i]), vector[1, i])
     return np.isfinite(total)
-
-
-@compiled
-def brake_kernel(chain, qd_last, acceleration_scale, period):
-    """The next velocity (n,) of braking from the last one; zero where not finite."""
-    qd = np.zeros(len(chain) - 1)
-    for i in range(len(qd_last)):
-        change = acceleration_scale * chain[i, ACCELERATION] * period
-        if np.isfinite(qd_last[i]):
-            qd[i] = qd_last[i] - min(max(qd_last[i], -change), change)
-    return qd

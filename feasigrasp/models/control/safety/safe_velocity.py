@@ -37,12 +37,10 @@ from feasigrasp.models.control.safety.problem import (
     Body,
     Obstacles,
     Request,
-    brake_kernel,
     clip_kernel,
     problem_kernel,
-    stop_kernel,
 )
-from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid
+from feasigrasp.models.geometry.obstacle_grid import NO_GRID, MovingObject, ObstacleGrid
 from feasigrasp.models.quantities import (
     JACOBIAN,
     JOINT_POSITIONS,
@@ -55,11 +53,9 @@ from feasigrasp.models.robot.capsules import arm_balls, capsule_model, hand_poin
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: No rows, grid and object. Source: layout.
+#: No velocity, rows and object. Source: layout.
 _NONE, _NO_ROWS = np.empty(0), np.empty((0, 0))
-#: No grid, and no object. Source: layout.
-_NO_GRID = ObstacleGrid(np.empty((0, 0, 0), dtype=np.float32), np.zeros(5))
-_NO_OBJECT = MovingObject(_NO_GRID, np.eye(4), np.zeros(6))
+_NO_OBJECT = MovingObject(NO_GRID, np.eye(4), np.zeros(6))
 
 
 @dataclass(frozen=True)
@@ -218,17 +214,11 @@ class SafetyFilter(Frozen):
             ControlError: An argument of another type or shape, J without V or V without J, or a
                 joint that is more than 2.5 turns from zero (degrees?).
         """
-        bodies: dict[str, Any] = {"qd_last": qd_last, "obstacles": obstacles, "moving": moving}
-        matrix, vector, n_hard = self.problem(q, qd_preferred, J, V, **bodies)
-        srs = self.options.arm.family == Family.SRS
-        bent = bending_velocity(q, qd_preferred, V) if srs else qd_preferred
-        if bent is not qd_preferred:
-            matrix, vector, n_hard = self.problem(q, bent, J, V, **bodies)
+        matrix, vector, n_hard = self.problem(
+            q, qd_preferred, J, V, qd_last=qd_last, obstacles=obstacles, moving=moving
+        )
         if len(matrix) == 0:
-            last = _NONE if qd_last is None else np.ascontiguousarray(qd_last, dtype=float)
-            return brake_kernel(
-                self.options.arm.chain, last, self.options.acceleration_scale, self.options.period
-            )
+            return self._braking(qd_last)
         (hard, soft), joints = self._senses, matrix.shape[1]
         H, rows, (lower, upper, f) = matrix[:joints], matrix[joints:], vector
         n = len(lower)
@@ -238,19 +228,20 @@ class SafetyFilter(Frozen):
         qd, _, status, _ = daqp.solve(H, f[:joints], rows, upper, lower, senses)
         if status > 0 and clip_kernel(qd, vector):
             return qd
-        stop_kernel(H, f)
-        qd, _, status, _ = daqp.solve(H, f[:joints], rows, upper, lower, soft[:n])
+        qd, _, status, _ = daqp.solve(
+            np.eye(joints), np.zeros(joints), rows, upper, lower, soft[:n]
+        )
         if status > 0 and clip_kernel(qd, vector):
             return qd
         return np.clip(0.0, lower[:joints], upper[:joints])
 
-    def warm_up(self) -> None:
-        """Calls what else would be fetched inside the first tick that has no solution."""
-        n = self.options.arm.joints
-        stop_kernel(np.eye(n), np.zeros(n))
-        brake_kernel(
-            self.options.arm.chain, _NONE, self.options.acceleration_scale, self.options.period
-        )
+    def _braking(self, qd_last: Array | None) -> Array:
+        """The next velocity (n,) of braking from the last one; zero where that is not finite."""
+        arm, last = self.options.arm, np.zeros(self.options.arm.joints)
+        if qd_last is not None:
+            last = np.where(np.isfinite(qd_last), qd_last, 0.0)
+        change = self.options.acceleration_scale * arm.acceleration_limits * self.options.period
+        return last - np.clip(last, -change, change)
 
     @checked(ControlError, "SafetyFilter")
     def problem(
@@ -281,11 +272,11 @@ class SafetyFilter(Frozen):
         n = self.options.arm.joints
         self.options.arm.positions(q, 1)
         matrix, vector = np.empty((most, n)), np.zeros((3, most))
-        grid = _NO_GRID if obstacles is None else obstacles
-        target = _NO_OBJECT if moving is None else moving
+        grid, target = obstacles or NO_GRID, moving or _NO_OBJECT
+        srs = self.options.arm.family == Family.SRS
         request = Request(
             q,
-            qd_preferred,
+            bending_velocity(q, qd_preferred, V) if srs else qd_preferred,
             _NO_ROWS if J is None else J,
             _NONE if V is None else V,
             _NONE if qd_last is None else qd_last,
