@@ -13,9 +13,9 @@ base's first; ``chain`` is that of an `Arm`.
 import numpy as np
 
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.numerics.fast_math import fast_sincos
-from feasigrasp.models.numerics.vectors import cross, dot, minus, step, turn, turn_frame
-from feasigrasp.models.robot.arm import AXIS, DIRECTION, OFFSET, SIGN
+from feasigrasp.models.numerics.vectors import cross, dot, minus, step
+from feasigrasp.models.robot.arm import AXIS, DIRECTION, SIGN
+from feasigrasp.models.robot.kinematics import next_link
 
 
 @compiled(forceinline=True)
@@ -25,19 +25,7 @@ def walk_links(chain, q, write, target):
     origin = (0.0, 0.0, 0.0)
     write(target, 0, x, y, z, origin)
     for j in range(len(chain) - 1):
-        origin = step(origin, chain[j, OFFSET], x)
-        origin = step(step(origin, chain[j, OFFSET + 1], y), chain[j, OFFSET + 2], z)
-        s, c = fast_sincos(q[j])
-        s *= chain[j, SIGN]
-        if chain[j, AXIS] == 2.0:
-            x, y = turn(x, y, s, c)
-        elif chain[j, AXIS] == 1.0:
-            z, x = turn(z, x, s, c)
-        elif chain[j, AXIS] == 0.0:
-            y, z = turn(y, z, s, c)
-        else:
-            k = chain[j, DIRECTION], chain[j, DIRECTION + 1], chain[j, DIRECTION + 2]
-            x, y, z = turn_frame(x, y, z, k, s, c)
+        origin, x, y, z, _ = next_link(chain, j, q[j], origin, x, y, z)
         write(target, j + 1, x, y, z, origin)
 
 

@@ -58,6 +58,31 @@ def _go_on(chain, j, origin, x, y, z):
     return step(origin, chain[j, OFFSET + 2], z)
 
 
+@compiled(forceinline=True)
+def next_link(chain, j, angle, origin, x, y, z):
+    """Origin and axes of link j + 1 by those of link j, and the direction that they turn about.
+
+    That is the joint's axis but for `SIGN`.
+    """
+    origin = _go_on(chain, j, origin, x, y, z)
+    s, c = fast_sincos(angle)
+    s *= chain[j, SIGN]
+    if chain[j, AXIS] == 2.0:
+        axis = z
+        x, y = turn(x, y, s, c)
+    elif chain[j, AXIS] == 1.0:
+        axis = y
+        z, x = turn(z, x, s, c)
+    elif chain[j, AXIS] == 0.0:
+        axis = x
+        y, z = turn(y, z, s, c)
+    else:
+        h = chain[j, DIRECTION], chain[j, DIRECTION + 1], chain[j, DIRECTION + 2]
+        axis = step(step(step((0.0, 0.0, 0.0), h[0], x), h[1], y), h[2], z)
+        x, y, z = turn_frame(x, y, z, h, s, c)
+    return origin, x, y, z, axis
+
+
 @compiled
 def pose_jacobian_kernel(chain, q, X_FT, X_WT, J_WT):
     """Writes the tool pose and the Jacobian ``V_WT = J_WT v`` at the tool origin, in the world.
@@ -67,24 +92,9 @@ def pose_jacobian_kernel(chain, q, X_FT, X_WT, J_WT):
     n, origin = len(q), (0.0, 0.0, 0.0)
     x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     for j in range(n):
-        origin = _go_on(chain, j, origin, x, y, z)
-        sign = chain[j, SIGN]
-        s, c = fast_sincos(q[j])
-        s *= sign
-        if chain[j, AXIS] == 2.0:
-            axis = z
-            x, y = turn(x, y, s, c)
-        elif chain[j, AXIS] == 1.0:
-            axis = y
-            z, x = turn(z, x, s, c)
-        elif chain[j, AXIS] == 0.0:
-            axis = x
-            y, z = turn(y, z, s, c)
-        else:
-            h = chain[j, DIRECTION], chain[j, DIRECTION + 1], chain[j, DIRECTION + 2]
-            axis = step(step(step((0.0, 0.0, 0.0), h[0], x), h[1], y), h[2], z)
-            x, y, z = turn_frame(x, y, z, h, s, c)
+        origin, x, y, z, axis = next_link(chain, j, q[j], origin, x, y, z)
         if J_WT is not None:
+            sign = chain[j, SIGN]
             J_WT[0, j], J_WT[1, j], J_WT[2, j] = sign * axis[0], sign * axis[1], sign * axis[2]
             J_WT[3, j], J_WT[4, j], J_WT[5, j] = origin
     origin = _go_on(chain, n, origin, x, y, z)
