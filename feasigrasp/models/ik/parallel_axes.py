@@ -18,6 +18,7 @@ from feasigrasp.models.ik.subproblems import (
     next_to,
     point_of,
     rotated,
+    rotated_back,
     turn_to_height,
     turned_about,
     wanted_motion,
@@ -36,12 +37,8 @@ def parallel_axes_kernel(chain, X_WF, branch, q):
     P = chain[n, GEOMETRY], chain[n, GEOMETRY + 1], chain[n, GEOMETRY + 2]
     R, p = wanted_motion(chain, X_WF)
     h_1, h_2, h_5, h_6 = axis_of(chain, 0), axis_of(chain, 1), axis_of(chain, 4), axis_of(chain, 5)
-    p_1, p_2, p_3, p_4 = (
-        point_of(chain, 0),
-        point_of(chain, 1),
-        point_of(chain, 2),
-        point_of(chain, 3),
-    )
+    p_1, p_2, p_3 = point_of(chain, 0), point_of(chain, 1), point_of(chain, 2)
+    p_4 = point_of(chain, 3)
     G_P = step(p, 1.0, rotated(R, P))
     shoulder = 1.0 if branch & 1 else -1.0
     found, back = turn_to_height(h_2, h_1, minus(G_P, p_1), dot(h_2, minus(P, p_1)), shoulder)
@@ -54,12 +51,7 @@ def parallel_axes_kernel(chain, X_WF, branch, q):
     if not found:
         return False
     s_5, c_5 = math.sin(q_5), math.cos(q_5)
-    u = turned_about(h_1, o, s_1, c_1, h_2)
-    u = (
-        R[0][0] * u[0] + R[1][0] * u[1] + R[2][0] * u[2],
-        R[0][1] * u[0] + R[1][1] * u[1] + R[2][1] * u[2],
-        R[0][2] * u[0] + R[1][2] * u[1] + R[2][2] * u[2],
-    )
+    u = rotated_back(R, turned_about(h_1, o, s_1, c_1, h_2))
     q_6 = -angle_about(h_6, turned_about(h_5, o, -s_5, c_5, h_2), u)
     all_three = angle_about(h_2, turned_about(h_5, o, s_5, c_5, h_6), seen)
 
@@ -81,14 +73,6 @@ def parallel_axes_kernel(chain, X_WF, branch, q):
     # Above, both turn about axis 2; an axis that points against it counts the other way.
     q_3 *= 1.0 if dot(h_2, axis_of(chain, 2)) > 0.0 else -1.0
     q_4 *= 1.0 if dot(h_2, axis_of(chain, 3)) > 0.0 else -1.0
-    q[0], q[1], q[2] = (
-        next_to(q_1, chain, 0, q[0]),
-        next_to(q_2, chain, 1, q[1]),
-        next_to(q_3, chain, 2, q[2]),
-    )
-    q[3], q[4], q[5] = (
-        next_to(q_4, chain, 3, q[3]),
-        next_to(q_5, chain, 4, q[4]),
-        next_to(q_6, chain, 5, q[5]),
-    )
+    for j, angle in enumerate((q_1, q_2, q_3, q_4, q_5, q_6)):
+        q[j] = next_to(angle, chain, j, q[j])
     return np.isfinite(q_1 + q_2 + q_3 + q_4 + q_5 + q_6)

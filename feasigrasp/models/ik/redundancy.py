@@ -268,26 +268,18 @@ def _inside(segments, phi):
         cosine = F[8 + k, 0] * s + F[8 + k, 1] * c + F[8 + k, 2]
         if cosine < c_limit[_BENDING[k]]:
             return 0
-    # Bit 0: the angle is inside the limits; bit 1: it is after half a turn.
-    first = third = fifth = seventh = 0
+    # Two bits for each of joints 1, 3, 5 and 7: inside the limits as it is, and after half a turn.
+    inside = 0
     for k in range(4):
         x = F[2 * k, 0] * s + F[2 * k, 1] * c + F[2 * k, 2]
         y = F[2 * k + 1, 0] * s + F[2 * k + 1, 1] * c + F[2 * k + 1, 2]
         edge = np.sqrt(x * x + y * y) * c_limit[_TURNING[k]]
-        inside = (1 if x >= edge else 0) + (2 if -x >= edge else 0)
-        if k == 0:
-            first = inside
-        elif k == 1:
-            third = inside
-        elif k == 2:
-            fifth = inside
-        else:
-            seventh = inside
+        inside |= ((1 if x >= edge else 0) + (2 if -x >= edge else 0)) << (2 * k)
     branches = 0
     for branch in range(8):
         elbow, shoulder, wrist = branch >> 2, (branch >> 1) & 1, branch & 1
-        good = (first >> shoulder) & (third >> (shoulder ^ elbow))
-        good &= (fifth >> (wrist ^ elbow)) & (seventh >> wrist)
+        good = (inside >> shoulder) & (inside >> (2 + (shoulder ^ elbow)))
+        good &= (inside >> (4 + (wrist ^ elbow))) & (inside >> (6 + wrist))
         branches |= (good & 1) << branch
     return branches
 

@@ -184,18 +184,6 @@ def configuration_kernel(circle, s_psi, c_psi, branch, q):
 
 
 @compiled
-def closed_form_kernel(chain, X_WF, psi, out):
-    """Writes eight configurations (8, 7) for a flange pose and an arm angle; 8, or 0 if none."""
-    circle = self_motion_kernel(chain, X_WF)
-    if not circle.reached or not np.isfinite(psi):
-        return 0
-    s, c = np.sin(psi), np.cos(psi)
-    for branch in range(8):
-        configuration_kernel(circle, s, c, branch, out[branch])
-    return 8
-
-
-@compiled
 def arm_angle_kernel(chain, q):
     """Arm angle of a configuration [rad]."""
     _, upper, lower, _ = _lengths(chain)
@@ -266,8 +254,13 @@ def next_nearest_kernel(circle, samples, q):
 @compiled
 def _closed_form_batch(chain, X_WF, psi, out):
     for k in range(len(X_WF)):
-        if closed_form_kernel(chain, X_WF[k], psi[k], out[k]) == 0:
+        circle = self_motion_kernel(chain, X_WF[k])
+        if not circle.reached or not np.isfinite(psi[k]):
             out[k] = np.nan
+            continue
+        s, c = np.sin(psi[k]), np.cos(psi[k])
+        for branch in range(8):
+            configuration_kernel(circle, s, c, branch, out[k, branch])
 
 
 @checked()

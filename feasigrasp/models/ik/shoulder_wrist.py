@@ -21,6 +21,7 @@ from feasigrasp.models.ik.subproblems import (
     next_to,
     point_of,
     rotated,
+    rotated_back,
     turned_about,
     two_turns,
     wanted_motion,
@@ -43,13 +44,7 @@ def shoulder_wrist_kernel(chain, X_WF, branch, q_7, q):
     h_7, p_7 = axis_of(chain, 6), point_of(chain, 6)
     s_7, c_7 = math.sin(q_7), math.cos(q_7)
     G_W = step(p, 1.0, rotated(R, turned_about(h_7, p_7, -s_7, c_7, W)))
-    away = minus(S, p)
-    back = (
-        R[0][0] * away[0] + R[1][0] * away[1] + R[2][0] * away[2],
-        R[0][1] * away[0] + R[1][1] * away[1] + R[2][1] * away[2],
-        R[0][2] * away[0] + R[1][2] * away[1] + R[2][2] * away[2],
-    )
-    Gi_S = turned_about(h_7, p_7, s_7, c_7, back)
+    Gi_S = turned_about(h_7, p_7, s_7, c_7, rotated_back(R, minus(S, p)))
 
     h_4, p_4 = axis_of(chain, 3), point_of(chain, 3)
     to_W, to_S = minus(W, p_4), minus(S, p_4)
@@ -78,18 +73,16 @@ def shoulder_wrist_kernel(chain, X_WF, branch, q_7, q):
 
     h_1, h_2, h_3 = axis_of(chain, 0), axis_of(chain, 1), axis_of(chain, 2)
     o = (0.0, 0.0, 0.0)
-    v, w = turned_about(h_4, o, -s_4, c_4, h_3), turned_about(h_4, o, -s_4, c_4, h_2)
-    v, w = turned_about(h_5, o, -s_5, c_5, v), turned_about(h_5, o, -s_5, c_5, w)
-    v, w = turned_about(h_6, o, -s_6, c_6, v), turned_about(h_6, o, -s_6, c_6, w)
-    v, w = turned_about(h_7, o, -s_7, c_7, v), turned_about(h_7, o, -s_7, c_7, w)
+    v, w = h_3, h_2
+    for h, s, c in ((h_4, s_4, c_4), (h_5, s_5, c_5), (h_6, s_6, c_6), (h_7, s_7, c_7)):
+        v, w = turned_about(h, o, -s, c, v), turned_about(h, o, -s, c, w)
     found, q_1, q_2 = two_turns(h_1, h_2, h_3, rotated(R, v), 1.0 if branch & 1 else -1.0)
     if not found:
         return False
     w = turned_about(h_1, o, -math.sin(q_1), math.cos(q_1), rotated(R, w))
     w = turned_about(h_2, o, -math.sin(q_2), math.cos(q_2), w)
     q_3 = angle_about(h_3, h_2, w)
-    q[0], q[1] = next_to(q_1, chain, 0, q[0]), next_to(q_2, chain, 1, q[1])
-    q[2], q[3] = next_to(q_3, chain, 2, q[2]), q_4
-    q[4], q[5] = next_to(q_5, chain, 4, q[4]), next_to(q_6, chain, 5, q[5])
-    q[6] = q_7
+    for j, angle in ((0, q_1), (1, q_2), (2, q_3), (4, q_5), (5, q_6)):
+        q[j] = next_to(angle, chain, j, q[j])
+    q[3], q[6] = q_4, q_7
     return np.isfinite(q_1 + q_2 + q_3 + q_5 + q_6)

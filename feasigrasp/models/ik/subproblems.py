@@ -29,6 +29,16 @@ def rotated(R, v):
 
 
 @compiled(forceinline=True)
+def rotated_back(R, v):
+    """A vector by the inverse of the rotation with the rows R."""
+    return (
+        R[0][0] * v[0] + R[1][0] * v[1] + R[2][0] * v[2],
+        R[0][1] * v[0] + R[1][1] * v[1] + R[2][1] * v[2],
+        R[0][2] * v[0] + R[1][2] * v[1] + R[2][2] * v[2],
+    )
+
+
+@compiled(forceinline=True)
 def turned_about(k, p, s, c, v):
     """A point turned about the axis k through p by an angle of sine s and cosine c (Rodrigues)."""
     u = minus(v, p)

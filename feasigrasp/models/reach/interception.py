@@ -53,13 +53,13 @@ from feasigrasp.models.reach.kernels import (
     REACHABLE,
     Search,
     hand_verdict_kernel,
+    is_admissible,
     make_scratch,
     next_kernel,
     start_kernel,
 )
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import ACCELERATION, VELOCITY
-from feasigrasp.models.robot.capsule_kernels import is_clear_kernel
 
 #: An arm that is late by less than this is in time: the errors of an arm that follows [s]. Source:
 #: guessed.
@@ -283,13 +283,6 @@ def least_time_kernel(way, v_0, v_1, speed, acceleration):
 
 
 @compiled
-def _is_admissible(q, search):
-    return inside_limits_kernel(search.chain, q, search.limit_margin) and is_clear_kernel(
-        q, search.open, search.clearance, search.floor
-    )
-
-
-@compiled
 def _late_kernel(ahead, k, there, v_there):
     """How late the arm is at instant k in a configuration (7,) with velocities (7,) [s]."""
     o, chain = ahead.options[0], ahead.search.chain
@@ -310,15 +303,11 @@ def _follow_kernel(ahead, k, X_OG, q, branch, psi, v):
     Returns the number of steps, none if the arm is late or collides at once, and the largest share
     of the acceleration limits.
     """
-    o, X_WF, before, after = ahead.options[0], np.empty((4, 4)), q.copy(), q.copy()
-    chain, v_before, hardest, end = (
-        ahead.search.chain,
-        np.zeros(len(q)),
-        0.0,
-        k + int(o.enough / o.step),
-    )
+    o, search, chain = ahead.options[0], ahead.search, ahead.search.chain
+    X_WF, ends = np.empty((4, 4)), np.empty(search.fixed.shape)
+    before, after, v_before, hardest = q.copy(), q.copy(), np.zeros(len(q)), 0.0
+    end = k + int(o.enough / o.step)
     last = min(len(ahead.X_WO), k + 2 + int(np.ceil(o.enough / o.step)))
-    ends = np.empty(ahead.search.fixed.shape)
     for m in range(k + 1, last):
         flange_pose_kernel(ahead.X_WO[m], X_OG, 0.0, ahead.X_GF, X_WF)
         if not solve_kernel(chain, X_WF, branch, psi, after):
@@ -335,10 +324,10 @@ def _follow_kernel(ahead, k, X_OG, q, branch, psi, v):
         if m == k + 1:
             v[:] = v_before
             late = k < int(o.latest) and _late_kernel(ahead, k, q, v) > _IN_TIME
-            if late or not _is_admissible(q, ahead.search):
+            if late or not is_admissible(q, search.open, search, search.floor):
                 return 0, hardest
-        clear = hand_verdict_kernel(X_WF, ahead.search, ends) == REACHABLE
-        if not (clear and _is_admissible(after, ahead.search)):
+        clear = hand_verdict_kernel(X_WF, search, ends) == REACHABLE
+        if not (clear and is_admissible(after, search.open, search, search.floor)):
             return m - k - 1, hardest
         before[:] = after
     return last - 1 - k, hardest

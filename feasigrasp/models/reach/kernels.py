@@ -152,7 +152,8 @@ def hand_verdict_kernel(X_WF, search, ends):
 
 
 @compiled(forceinline=True)
-def _is_admissible(q, model, search, floor):
+def is_admissible(q, model, search, floor):
+    """Whether a configuration is inside the limits and clear of arm, hand and table."""
     return inside_limits_kernel(search.chain, q, search.limit_margin) and is_clear_kernel(
         q, model, search.clearance, floor
     )
@@ -187,33 +188,29 @@ def _first_in_segments(circle, search, scratch):
                     _write_candidate(
                         circle, segments.start[k] + (part + 0.5) * size, branch, scratch.q
                     )
-                    if _is_admissible(scratch.q, search.open, search, search.floor):
+                    if is_admissible(scratch.q, search.open, search, search.floor):
                         return REACHABLE
                     if verdict != TABLE:
-                        without_table = _is_admissible(scratch.q, search.open, search, -np.inf)
+                        without_table = is_admissible(scratch.q, search.open, search, -np.inf)
                         verdict = TABLE if without_table else SELF_COLLISION
     return verdict
 
 
 @compiled
-def _all_candidates(circle, search, scratch):
-    """All admissible configurations (n, 7) that are tried inside the exact intervals."""
-    segments = scratch.segments
-    count = segments_kernel(circle, segments)
-    most = 0
-    for k in range(count):
-        most += 8 * _parts(segments, k, search.spacing)[0]
-    candidates = np.empty((most, len(scratch.q)))
-    n = 0
-    for k in range(count):
+def _nearest_in_segments(circle, q_near, search, scratch, q_best):
+    """As `nearest_kernel`, of the configurations that are tried inside the exact intervals."""
+    shortest, segments, q = np.inf, scratch.segments, scratch.q
+    for k in range(segments_kernel(circle, segments)):
         parts, size = _parts(segments, k, search.spacing)
         for part in range(parts):
             for branch in range(8):
                 if (segments.branches[k] >> branch) & 1:
-                    q = candidates[n]
                     _write_candidate(circle, segments.start[k] + (part + 0.5) * size, branch, q)
-                    n += 1 if _is_admissible(q, search.open, search, search.floor) else 0
-    return candidates[:n]
+                    time = travel_time_kernel(search.chain, q, q_near)
+                    if time < shortest and is_admissible(q, search.open, search, search.floor):
+                        shortest = time
+                        q_best[:] = q
+    return shortest
 
 
 @compiled
@@ -267,10 +264,10 @@ def _first_solution(X_WF, search, scratch):
             if not inside_limits_kernel(search.chain, q, search.limit_margin):
                 verdict = LIMITS if verdict == WRIST else verdict
                 continue
-            if _is_admissible(q, search.open, search, search.floor):
+            if is_admissible(q, search.open, search, search.floor):
                 return REACHABLE
             if verdict != TABLE:
-                without_table = _is_admissible(q, search.open, search, -np.inf)
+                without_table = is_admissible(q, search.open, search, -np.inf)
                 verdict = TABLE if without_table else SELF_COLLISION
     return verdict
 
@@ -342,21 +339,15 @@ def nearest_kernel(X_WF, q_near, search, scratch, q_best):
     if not circle.reached:
         return np.inf
     while next_kernel(circle, search, scratch) < np.inf:
-        if _is_admissible(scratch.q, search.open, search, search.floor):
+        if is_admissible(scratch.q, search.open, search, search.floor):
             q_best[:] = scratch.q
             return travel_time_kernel(search.chain, scratch.q, q_near)
-    shortest = np.inf
-    if not is_srs(search.chain):
-        if _first_solution(X_WF, search, scratch) == REACHABLE:
-            q_best[:] = scratch.q
-            shortest = travel_time_kernel(search.chain, scratch.q, q_near)
-        return shortest
-    for q in _all_candidates(circle, search, scratch):
-        time = travel_time_kernel(search.chain, q, q_near)
-        if time < shortest:
-            shortest = time
-            q_best[:] = q
-    return shortest
+    if is_srs(search.chain):
+        return _nearest_in_segments(circle, q_near, search, scratch, q_best)
+    if _first_solution(X_WF, search, scratch) != REACHABLE:
+        return np.inf
+    q_best[:] = scratch.q
+    return travel_time_kernel(search.chain, scratch.q, q_near)
 
 
 @compiled
@@ -379,4 +370,4 @@ def verdict_batch_kernel(X_WF, search, verdicts):
 def admissible_batch_kernel(Q, search, admissible):
     """Whether configurations (n, 7) are inside the limits and clear of arm, hand and table."""
     for k in range(len(Q)):
-        admissible[k] = _is_admissible(Q[k], search.capsules, search, search.floor)
+        admissible[k] = is_admissible(Q[k], search.capsules, search, search.floor)
