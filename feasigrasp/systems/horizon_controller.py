@@ -15,10 +15,7 @@ from feasigrasp.models.control.horizon.law import (
     plan_velocity,
 )
 from feasigrasp.models.control.horizon.program import ProgramOptions
-from feasigrasp.models.control.planning.clearance_schedule import (
-    retreat_velocity,
-    scheduled_obstacle,
-)
+from feasigrasp.models.control.planning.clearance_schedule import scheduled_obstacle, step_back
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.reach.interception import Situation
 from feasigrasp.models.reach.reachability import Reachability
@@ -88,24 +85,26 @@ class HorizonController(GraspController):
         """The velocity of the plan, inside limits and clearances."""
         if not np.isfinite(inputs.X_WO.sum() + inputs.V_WO.sum()):  # lost since the last update
             memory = memory.without_grasp(inputs.time)
-        X_FG, q, last = self.reachability.gripper.X_FG, inputs.q, inputs.qd_last
-        grasp = memory.near.X_OG[:1]
+        arm, X_FG, q = self.reachability.arm, self.reachability.gripper.X_FG, inputs.q
+        grasp, qd = memory.near.X_OG[:1], np.zeros(len(q))
+        J_WH: Array | None = None
+        V_WH: Array | None = None
         moving = scheduled_obstacle(
             *(inputs.surface, q, inputs.X_WO, inputs.V_WO, X_FG, grasp, self._options.corridor),
-            arm=self.reachability.arm,
+            arm=arm,
         )
-        if len(grasp) == 0:
-            return self.safety.velocity(
-                q, np.zeros(len(q)), qd_last=last, obstacles=inputs.obstacles, moving=moving
-            )
-        if moving is not None and moving.misaligned:
-            return retreat_velocity(
-                self.safety, q, X_FG, moving, qd_last=last, obstacles=inputs.obstacles
-            )
-        qd = plan_velocity(memory, inputs.time, self._options.program)
-        J_WH = pose_and_jacobian(q, X_FG, self.reachability.arm)[1]
+        if len(grasp):
+            X_WH, J_WH = pose_and_jacobian(q, X_FG, arm)
+            if moving is not None and moving.misaligned:
+                V_WH = step_back(X_WH, moving.X_WO, moving.V_WO)
+            else:
+                qd = plan_velocity(memory, inputs.time, self._options.program)
+                V_WH = J_WH @ qd
         return self.safety.velocity(
-            q, qd, J_WH, J_WH @ qd, qd_last=last, obstacles=inputs.obstacles, moving=moving
+            *(q, qd, J_WH, V_WH),
+            qd_last=inputs.qd_last,
+            obstacles=inputs.obstacles,
+            moving=moving,
         )
 
 

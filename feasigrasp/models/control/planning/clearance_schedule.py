@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.safety.safe_velocity import SafetyFilter
 from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid, grid_kernel
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.approach_corridor import (
@@ -21,7 +20,7 @@ from feasigrasp.models.grasps.approach_corridor import (
 )
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import pose_and_jacobian, pose_jacobian_kernel
+from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 # Unobserved surface gives way to a hand that is lined up with a grasp in it.
 #
@@ -104,31 +103,6 @@ def scheduled_obstacle(
         surface.frame,
     )
     return MovingObject(surface, X_WO, V_WO, extra_clearance, misaligned)
-
-
-def retreat_velocity(
-    safety: SafetyFilter,
-    q: Array,
-    X_FG: Array,
-    moving: MovingObject,
-    *,
-    qd_last: Array | None = None,
-    obstacles: ObstacleGrid | None = None,
-) -> Array:
-    """The joint velocity (7,) [rad/s] in which the hand leaves an object backwards.
-
-    Arguments as for `scheduled_obstacle` and `SafetyFilter.velocity`.
-    """
-    X_WH, J_WH = pose_and_jacobian(q, X_FG, safety.options.arm)
-    return safety.velocity(
-        q,
-        np.zeros(len(q)),
-        J_WH,
-        step_back(X_WH, moving.X_WO, moving.V_WO),
-        qd_last=qd_last,
-        obstacles=obstacles,
-        moving=moving,
-    )
 
 
 def step_back(X_WH: Array, X_WO: Array, V_WO: Array) -> Array:
