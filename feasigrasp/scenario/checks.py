@@ -12,7 +12,6 @@ from feasigrasp.errors import CameraError, GraspError, ScenarioError
 from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.choices import ControlSpace, Span, metadata_of, nearest
 from feasigrasp.models.robot.arm_file import load_arm
-from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -329,11 +328,8 @@ def _check_vectors(scenario: Scenario) -> None:
                 f"q_start[{i}] is {angle:g}; the driver of the arm takes joint {i + 1} from "
                 f"{low:g} to {high:g} deg"
             )
-    model, n = capsule_model(load_gripper(scenario.gripper), arm), arm.joints + 1
-    q = np.array(scenario.start, dtype=float)
-    R, p = np.empty((n, 3, 3)), np.empty((n, 3))
-    link_poses_kernel(arm.chain, q, R, p)
-    ends = np.einsum("cij,cej->cei", R[model.link], model.ends) + p[model.link][:, None]
+    model = capsule_model(load_gripper(scenario.gripper), arm)
+    ends = model.placed(scenario.start)
     along = ends[:, :1] + np.linspace(0.0, 1.0, 17)[:, None] * (ends[:, 1:] - ends[:, :1])
     i, j = model.pairs.T
     apart = np.linalg.norm(along[i][:, :, None] - along[j][:, None], axis=-1).min(axis=(1, 2))

@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.models.robot.capsule_kernels import closest_parameters, link_poses_kernel
+from feasigrasp.models.robot.capsule_kernels import closest_parameters
 from feasigrasp.models.robot.capsules import HAND_NAMES, capsule_model, hand_capsules
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability
@@ -68,14 +68,11 @@ def close_pairs(arm: Arm) -> list[tuple[int, int]]:
     possible = [*apart, *product(range(n - 1), hand)]
     model = capsule_model(None, arm, body_pairs=possible)
     bodies = [capsule.body for capsule in arm.capsules + hand_capsules(None, arm)]
-    R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     Q = arm.random_positions(np.random.default_rng(0), 1000)
     nearest: dict[tuple[int, int], float] = {}
     touches: dict[tuple[int, int], int] = {}
     for q in Q:
-        link_poses_kernel(arm.chain, q, R, p)
-        ends = np.einsum("cij,cej->cei", R[model.link], model.ends) + p[model.link][:, None]
-        points = [tuple(map(tuple, pair)) for pair in ends.tolist()]
+        points = [tuple(map(tuple, pair)) for pair in model.placed(q).tolist()]
         close: dict[tuple[int, int], float] = {}
         for i, j in model.pairs.tolist():
             d = closest_parameters(*points[i], *points[j])[2]

@@ -49,6 +49,12 @@ class CapsuleModel(NamedTuple):
     groups: Indices
     movers: Indices
 
+    def placed(self, q: Array) -> Array:
+        """The end points in the world at joint positions q (n,) [rad], shape (c, 2, 3) [m]."""
+        R, p = _link_poses(self.chain, q)
+        ends: Array = np.einsum("cij,cej->cei", R[self.link], self.ends) + p[self.link][:, None]
+        return ends
+
     def with_pairs(self, pairs: ArrayLike) -> Self:
         """The capsules with other collision pairs, shape (p, 2), in the same order."""
         pairs = np.array(pairs, dtype=np.int64).reshape(-1, 2)
@@ -56,6 +62,13 @@ class CapsuleModel(NamedTuple):
         for array in model:
             array.flags.writeable = False
         return model
+
+
+def _link_poses(chain: Array, q: Array) -> tuple[Array, Array]:
+    """Rotations (n + 1, 3, 3) and origins (n + 1, 3) [m] of the link frames in the world."""
+    R, p = np.empty((len(chain), 3, 3)), np.empty((len(chain), 3))
+    link_poses_kernel(chain, np.array(q, dtype=float), R, p)
+    return R, p
 
 
 def hand_capsules(gripper: Gripper | None = None, arm: Arm = IIWA_7) -> tuple[Capsule, ...]:
@@ -97,7 +110,7 @@ def hand_points(gripper: Gripper | None = None, arm: Arm = IIWA_7) -> Array:
     """Points all over the opened hand in the frame of the last link, shape (k, 3) [m]."""
     gripper = gripper or ParallelGripper()
     X_LG = arm.X_LF @ gripper.X_FG
-    return gripper.skin_points(gripper.max_opening) @ X_LG[:3, :3].T + X_LG[:3, 3]
+    return gripper.skin_points() @ X_LG[:3, :3].T + X_LG[:3, 3]
 
 
 def body_pairs_of(gripper: Gripper | None = None, arm: Arm = IIWA_7) -> Sequence[tuple[int, int]]:
@@ -193,8 +206,7 @@ class ArmBalls(NamedTuple):
 
     def placed(self, q: Array) -> Array:
         """The centres at joint positions q (n,), shape (k, 3) [m]."""
-        R, p = np.empty((len(self.chain), 3, 3)), np.empty((len(self.chain), 3))
-        link_poses_kernel(self.chain, np.array(q, dtype=float), R, p)
+        R, p = _link_poses(self.chain, q)
         center: Array = np.einsum("kij,kj->ki", R[self.link], self.center) + p[self.link]
         return center
 

@@ -83,8 +83,8 @@ class Gripper(Frozen, ABC):
         """Points on the hand's outside that have to keep off the object, shape (k, 3) in G [m]."""
 
     @abstractmethod
-    def skin_points(self, opening: NotNegative) -> Array:
-        """Points all over the hand: what must not hit anything, shape (k, 3) in G [m]."""
+    def skin_points(self) -> Array:
+        """Points all over the open hand: what must not hit anything, shape (k, 3) in G [m]."""
 
     def _body_points(self) -> Array:
         """Points on front and back of the palm, and on the front of the wrist camera."""
@@ -189,20 +189,14 @@ class ParallelGripper(Gripper):
 
     @checked(GraspError)
     def surface_points(self, opening: float) -> Array:
-        """Points on the hand's outside, for collision checks against a distance field.
+        """Points on the hand's outside, for collision checks against a distance field, (k, 3) [m].
 
         Tips, outer faces and edges of both fingers, front and back of the palm, and the wrist
         camera; not the inner faces of the pads, which are meant to touch. At most 2 cm apart on
         the fingers and the front of the palm, so that little slips through between them.
 
-        Args:
-            opening: Distance between the pads [m], from 0 to ``max_opening``.
-
-        Returns:
-            Shape (k, 3), in the grasp frame G [m].
-
         Raises:
-            GraspError: If the hand cannot open that far.
+            GraspError: The opening is not from 0 to ``max_opening``.
         """
         if not 0.0 <= opening <= self.max_opening + 1e-9:
             raise GraspError(
@@ -218,20 +212,13 @@ class ParallelGripper(Gripper):
         ]
         return np.concatenate([*fingers, self._body_points()])
 
-    @checked(GraspError)
-    def skin_points(self, opening: NotNegative) -> Array:
-        """Points all over fingers, palm and camera, pads included: what must not hit anything.
+    def skin_points(self) -> Array:
+        """Points all over the open hand, pads included: what must not hit anything, (k, 3) [m].
 
         No more than 1 cm apart on the fingers, and 1.5 cm on the rest.
-
-        Args:
-            opening: Distance between the pads [m].
-
-        Returns:
-            Shape (k, 3), in the grasp frame G [m].
         """
         finger = np.array([self.finger_thickness, self.finger_width, self.tip - self.heel])
-        out, middle = (opening + self.finger_thickness) / 2, (self.tip + self.heel) / 2
+        out, middle = (self.max_opening + self.finger_thickness) / 2, (self.tip + self.heel) / 2
         fingers = [box_skin([x, 0.0, middle], finger, 0.01) for x in (-out, out)]
         return np.concatenate([*fingers, self._body_skin()])
 

@@ -74,24 +74,15 @@ class SuctionCup(Gripper):
         return [([0.0, 0.0, self.heel], [0.0, 0.0, top], radius)]
 
     @checked(GraspError)
-    def surface_points(self, opening: NotNegative = 0.0) -> Array:
-        """Points on stem, back of the cup, palm and camera; not on the lip, which is to touch.
-
-        Returns:
-            Shape (k, 3), in the grasp frame G [m].
-        """
+    def surface_points(self, opening: NotNegative) -> Array:
+        """Points on stem, back of the cup, palm and camera, (k, 3) [m]; the lip is to touch."""
         back = -self.height
         stem = np.linspace(back, self.heel, 4)[:-1]
         around = [_rings([self.radius], [back, 0.7 * back]), _rings([self.stem_radius], stem)]
         return np.concatenate([*around, self._body_points()])
 
-    @checked(GraspError)
-    def skin_points(self, opening: NotNegative = 0.0) -> Array:
-        """Points all over cup, stem, palm and camera, the lip included.
-
-        Returns:
-            Shape (k, 3), in the grasp frame G [m].
-        """
+    def skin_points(self) -> Array:
+        """Points all over cup, stem, palm and camera, the lip included, shape (k, 3) [m]."""
         depth = np.linspace(0.0, -self.height, 3)
         rings = _rings([0.0, 0.5 * self.radius, self.radius], depth)
         stem = _rings([self.stem_radius], np.linspace(-self.height, self.heel, 5))

@@ -15,7 +15,6 @@ from feasigrasp.models.arrays import Array, Floats, Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -162,18 +161,14 @@ class ModeledBodies:
             opening: Measured distance between the pads [m].
             noise: Of its depths, see `Camera.depth_noise` [1/m].
         """
-        n = self.arm.joints + 1
-        R, p = np.empty((n, 3, 3)), np.empty((n, 3))
-        link_poses_kernel(self.arm.chain, np.ascontiguousarray(q, dtype=float), R, p)
         arm = self._capsules
-        ends = np.einsum("cij,ckj->cki", R[arm.link], arm.ends) + p[arm.link][:, None]
         hand = hand_boxes(self.gripper, forward_kinematics(q, self.gripper.X_FG, self.arm), opening)
         kinds = np.empty(len(points), dtype=np.uint8)
         _kinds(
             np.ascontiguousarray(points, dtype=np.float32),
             np.ascontiguousarray(X_WC, dtype=float),
             SIGMAS * noise,
-            (np.ascontiguousarray(ends), arm.radius),
+            (np.ascontiguousarray(arm.placed(q)), arm.radius),
             (np.ascontiguousarray(hand.X_WB), hand.half),
             (np.ascontiguousarray(self.cell.X_WB), self.cell.half),
             kinds,

@@ -55,11 +55,10 @@ def test_the_network_needs_no_training_for_another_hand(wide_box, hand):
 def test_no_part_of_the_hand_is_far_from_a_point_of_its_skin(hand):
     """Random points on the boxes, the faces of the pads among them."""
     rng = np.random.default_rng(3)
-    opening = 0.06
-    skin = cKDTree(hand.skin_points(opening))
+    skin = cKDTree(hand.skin_points())
     length = hand.tip - hand.heel
     finger = np.array([hand.finger_thickness, hand.finger_width, length])
-    x = (opening + hand.finger_thickness) / 2
+    x = (hand.max_opening + hand.finger_thickness) / 2
     palm = np.array(hand.palm_size)
     for center, size, spacing in (
         ([x, 0.0, hand.tip - length / 2], finger, 0.01),
@@ -71,5 +70,5 @@ def test_no_part_of_the_hand_is_far_from_a_point_of_its_skin(hand):
         faces[np.arange(500), np.arange(500) % 3] = rng.choice([-0.5, 0.5], 500)
         apart = skin.query(faces * size + np.array(center))[0]
         assert apart.max() <= np.sqrt(0.5) * spacing
-    inner = skin.data[np.isclose(np.abs(skin.data[:, 0]), opening / 2)]
+    inner = skin.data[np.isclose(np.abs(skin.data[:, 0]), hand.max_opening / 2)]
     assert len(inner) > 40  # the pads' own faces, which touch first

@@ -29,7 +29,7 @@ from tests.truths import min_distance, table_distances
 
 RADIUS = 0.04
 GRIPPER = ParallelGripper()
-HAND = GRIPPER.skin_points(GRIPPER.max_opening)
+HAND = GRIPPER.skin_points()
 #: The hand points down, 0.3 m above the table.
 Q = np.array([0.0, 0.55, 0.0, -1.6, 0.0, 0.99, 0.0])
 OPTIONS = SafetyOptions()
