@@ -202,13 +202,6 @@ def arm_angle_kernel(chain, q):
     return np.arctan2(-(z * (c_a * ex + s_a * ey) - rho * ez) / length, c_a * ey - s_a * ex)
 
 
-# Closed-form inverse kinematics of the iiwa 7 (Shimizu et al. 2008).
-#
-# For a flange pose and an arm angle there are eight configurations: the signs of the shoulder,
-# elbow and wrist joints 2, 4 and 6 (see above for the formulas and the conventions at
-# singularities). Joint limits are looked at here, collisions in
-# `feasigrasp.models.reach.reachability`.
-
 _ANGLES = ArrayOf(("...",), "rad", finite=False)
 
 

@@ -3,6 +3,9 @@
 numba installs from PyPI without Intel's SVML, so ``math.exp``, ``math.sin`` and ``math.atan2`` stay
 scalar calls and keep the whole loop around them scalar. The functions below are plain arithmetic
 without branches.
+
+They are inlined with flags of their own: permission to reorder sums would fold the rounding trick
+of `exp2_of_minus` away; callers stay free to use ``fastmath``.
 """
 
 from math import factorial
@@ -14,15 +17,6 @@ from numba.extending import intrinsic
 from numpy.polynomial import Chebyshev, Polynomial
 
 from feasigrasp.models.compiled import compiled, fused
-
-# Square roots and exponentials for SIMD loops.
-#
-# Three things slow a numba loop over floating-point pairs down: the compiler's preference for
-# 256-bit registers on processors that have 512-bit ones, ``math.exp`` (a scalar call without
-# Intel's SVML), and the divider, which needs five times as long for a root and a reciprocal as for
-# the multiplications that replace them. The functions here are plain arithmetic without branches.
-# They are inlined with flags of their own: permission to reorder sums would fold the rounding trick
-# of `exp2_of_minus` away; callers stay free to use ``fastmath``.
 
 #: Adding 1.5 * 2^52 rounds to a whole number and leaves it in the low mantissa bits. Source:
 #: numerical.
@@ -85,7 +79,10 @@ def exp2_of_minus(r: float) -> float:
 
 @compiled(forceinline=True)
 def rough_inverse_sqrt(x: float) -> float:
-    """``1/sqrt(x)`` for normal ``x > 0`` to 2.6e-8; one Newton step makes it 1e-15."""
+    """``1/sqrt(x)`` for normal ``x > 0`` to 2.6e-8; one Newton step makes it 1e-15.
+
+    The divider needs five times as long for a root and a reciprocal as these multiplications.
+    """
     # 1/sqrt(1 - e) for the |e| < 0.0702 that this leaves: minimax in the relative error, 2.6e-8.
     s0, s1, s2, s3, s4 = (
         1.0000000007726003269,

@@ -113,12 +113,7 @@ class InterceptionOptions:
     lift: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Checks the numbers.
-
-        Raises:
-            ReachabilityError: A number has the wrong sign or is not finite, a share is above 1, or
-                ``latest`` is none of the instants.
-        """
+        """Raises ReachabilityError for a wrong number, or if ``latest`` is none of the instants."""
         check_fields(self, ReachabilityError)
         if self.latest >= self.instants:
             raise ReachabilityError(
@@ -165,11 +160,7 @@ class Situation:
     prediction: str = PredictionModel.PREDICTED
 
     def __post_init__(self) -> None:
-        """Checks shapes and units.
-
-        Raises:
-            ReachabilityError: One is wrong.
-        """
+        """Raises ReachabilityError for a wrong shape or unit."""
         check_fields(self, ReachabilityError)
 
     @property

@@ -147,11 +147,7 @@ class Arm(Frozen):
     chain: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Checks the arrays, and lays them out for kernels.
-
-        Raises:
-            ArgumentError: One has another shape, or an axis another direction.
-        """
+        """Checks the arrays, or raises ArgumentError, and lays them out for kernels."""
         check_fields(self, ArgumentError)
         arrays = {k: np.array(v) for k, v in vars(self).items() if isinstance(v, np.ndarray)}
         if not np.allclose(np.linalg.norm(self.axes, axis=1), 1.0, rtol=0.0, atol=1e-9):

@@ -78,12 +78,7 @@ class HorizonOptions:
     program: ProgramOptions = field(default_factory=ProgramOptions)
 
     def __post_init__(self) -> None:
-        """Checks the numbers.
-
-        Raises:
-            ControlError: A number has the wrong sign or is not finite, or there is no prediction of
-                that name.
-        """
+        """Raises ControlError for a wrong number, or where there is no such prediction."""
         check_fields(self, ControlError)
         parse_word(PredictionModel, self.prediction, "HorizonOptions.prediction", ControlError)
 

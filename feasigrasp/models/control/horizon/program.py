@@ -82,11 +82,7 @@ class ProgramOptions:
     safety: SafetyOptions = field(default_factory=SafetyOptions)
 
     def __post_init__(self) -> None:
-        """Checks the numbers.
-
-        Raises:
-            ControlError: A number has the wrong sign or is not finite, or steps are less than two.
-        """
+        """Raises ControlError for a wrong number, or less than two steps."""
         check_fields(self, ControlError)
         if len(self.steps) < 2:
             raise ControlError(f"ProgramOptions.steps = {self.steps}; give at least two steps")

@@ -111,12 +111,7 @@ class SafetyOptions:
         return cls(arm=arm, acceleration_scale=scale, position_margin=margin, approach_gain=gain)
 
     def __post_init__(self) -> None:
-        """Checks the numbers.
-
-        Raises:
-            ControlError: A number is not finite or has the wrong sign, a scale is above 1, or the
-                gain asks for a quicker stop than the joints' accelerations allow.
-        """
+        """Raises ControlError for a wrong number, or a gain that asks for too quick a stop."""
         check_fields(self, ControlError)
         for entry in (each for each in fields(self) if each.name != "arm"):
             value = getattr(self, entry.name)
