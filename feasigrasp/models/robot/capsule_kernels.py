@@ -13,9 +13,41 @@ base's first; ``chain`` is that of an `Arm`.
 import numpy as np
 
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.numerics.vectors import cross, dot, minus, step
-from feasigrasp.models.robot.arm import AXIS, DIRECTION, SIGN
-from feasigrasp.models.robot.kinematics import next_link
+from feasigrasp.models.numerics.fast_math import fast_sincos
+from feasigrasp.models.numerics.vectors import cross, dot, minus, step, turn, turn_frame
+from feasigrasp.models.robot.arm import AXIS, DIRECTION, OFFSET, SIGN
+
+
+@compiled(forceinline=True)
+def next_origin(chain, j, origin, x, y, z):
+    """The origin of the frame after the one with the axes x, y, z, by row j of the chain."""
+    origin = step(step(origin, chain[j, OFFSET], x), chain[j, OFFSET + 1], y)
+    return step(origin, chain[j, OFFSET + 2], z)
+
+
+@compiled(forceinline=True)
+def next_link(chain, j, angle, origin, x, y, z):
+    """Origin and axes of link j + 1 by those of link j, and the direction that they turn about.
+
+    That is the joint's axis but for `SIGN`.
+    """
+    origin = next_origin(chain, j, origin, x, y, z)
+    s, c = fast_sincos(angle)
+    s *= chain[j, SIGN]
+    if chain[j, AXIS] == 2.0:
+        axis = z
+        x, y = turn(x, y, s, c)
+    elif chain[j, AXIS] == 1.0:
+        axis = y
+        z, x = turn(z, x, s, c)
+    elif chain[j, AXIS] == 0.0:
+        axis = x
+        y, z = turn(y, z, s, c)
+    else:
+        h = chain[j, DIRECTION], chain[j, DIRECTION + 1], chain[j, DIRECTION + 2]
+        axis = step(step(step((0.0, 0.0, 0.0), h[0], x), h[1], y), h[2], z)
+        x, y, z = turn_frame(x, y, z, h, s, c)
+    return origin, x, y, z, axis
 
 
 @compiled(forceinline=True)

@@ -291,7 +291,9 @@ def _box(size: ArrayLike, middle: ArrayLike) -> trimesh.Trimesh:
 
 
 def _obj(parts: list[trimesh.Trimesh]) -> str:
-    mesh = trimesh.util.concatenate(parts)
+    mesh = trimesh.Trimesh()
+    for part in parts:
+        mesh += part
     mesh.unmerge_vertices()  # so that every corner has the normal of its face
     text: str = trimesh.exchange.obj.export_obj(mesh, header=None, include_normals=True)
     return text

@@ -14,20 +14,10 @@ from numpy.typing import ArrayLike
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.numerics.fast_math import fast_sincos
-from feasigrasp.models.numerics.vectors import cross, step, turn, turn_frame
+from feasigrasp.models.numerics.vectors import cross
 from feasigrasp.models.quantities import JOINTS, POSE
-from feasigrasp.models.robot.arm import (
-    AXIS,
-    DIRECTION,
-    LOWER,
-    OFFSET,
-    ROTATION,
-    SIGN,
-    UPPER,
-    VELOCITY,
-    Arm,
-)
+from feasigrasp.models.robot.arm import LOWER, ROTATION, SIGN, UPPER, VELOCITY, Arm
+from feasigrasp.models.robot.capsule_kernels import next_link, next_origin
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 
@@ -51,38 +41,6 @@ def arm_condition_kernel(chain, q, v):
     return margin, ratio, manipulability_kernel(chain, q)
 
 
-@compiled(forceinline=True)
-def _go_on(chain, j, origin, x, y, z):
-    """The origin of the frame after the one with the axes x, y, z, by row j of the chain."""
-    origin = step(step(origin, chain[j, OFFSET], x), chain[j, OFFSET + 1], y)
-    return step(origin, chain[j, OFFSET + 2], z)
-
-
-@compiled(forceinline=True)
-def next_link(chain, j, angle, origin, x, y, z):
-    """Origin and axes of link j + 1 by those of link j, and the direction that they turn about.
-
-    That is the joint's axis but for `SIGN`.
-    """
-    origin = _go_on(chain, j, origin, x, y, z)
-    s, c = fast_sincos(angle)
-    s *= chain[j, SIGN]
-    if chain[j, AXIS] == 2.0:
-        axis = z
-        x, y = turn(x, y, s, c)
-    elif chain[j, AXIS] == 1.0:
-        axis = y
-        z, x = turn(z, x, s, c)
-    elif chain[j, AXIS] == 0.0:
-        axis = x
-        y, z = turn(y, z, s, c)
-    else:
-        h = chain[j, DIRECTION], chain[j, DIRECTION + 1], chain[j, DIRECTION + 2]
-        axis = step(step(step((0.0, 0.0, 0.0), h[0], x), h[1], y), h[2], z)
-        x, y, z = turn_frame(x, y, z, h, s, c)
-    return origin, x, y, z, axis
-
-
 @compiled
 def pose_jacobian_kernel(chain, q, X_FT, X_WT, J_WT):
     """Writes the tool pose and the Jacobian ``V_WT = J_WT v`` at the tool origin, in the world.
@@ -97,7 +55,7 @@ def pose_jacobian_kernel(chain, q, X_FT, X_WT, J_WT):
             sign = chain[j, SIGN]
             J_WT[0, j], J_WT[1, j], J_WT[2, j] = sign * axis[0], sign * axis[1], sign * axis[2]
             J_WT[3, j], J_WT[4, j], J_WT[5, j] = origin
-    origin = _go_on(chain, n, origin, x, y, z)
+    origin = next_origin(chain, n, origin, x, y, z)
     for j in range(4):
         for i in range(3):
             X_WT[i, j] = origin[i] if j == 3 else 0.0
