@@ -2,8 +2,9 @@
 
 ``python tools/same_runs.py REVISION ...`` runs each line of ``tools/same_runs.yaml`` in a checkout
 of each revision and in one of HEAD, and compares all logged positions, commands and poses. Of each
-kind of runs, by the camera alone or with the object's pose given, of which all are equal, it notes
-HEAD in the file: figures of that kind and revision count as figures of HEAD.
+kind of runs, by the camera alone, with the object's pose given or in the paper's modes, of which all
+are equal, it notes HEAD in the file: figures of that kind and revision count as figures of HEAD, and
+so do those of revisions that gave the same runs before.
 """
 
 from __future__ import annotations
@@ -104,7 +105,10 @@ def main() -> int:
                     differs = differences(now, log)
                     print(f"{revision}, {words}: {', '.join(differs) or 'the same'}", flush=True)
                     equal[revision] &= not differs
-            content["same"][kind] |= {each: head for each in revisions if equal[each]}
+            noted = content["same"][kind]
+            alike = {noted.get(each, each) for each in revisions if equal[each]}
+            alike |= {each for each in revisions if equal[each]}
+            noted |= {each: head for each in {*noted, *revisions} if noted.get(each, each) in alike}
             differ |= not all(equal.values())
     lines = RUNS.read_text().partition("same:")[0]
     RUNS.write_text(lines + yaml.safe_dump({"same": content["same"]}))

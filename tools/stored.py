@@ -54,10 +54,15 @@ class Stored:
 
     @property
     def kind(self) -> str:
-        """Of its runs: by the ``camera`` alone, with the object's ``pose given``, or ``other``."""
+        """Of its runs: by the ``camera`` alone, with the object's ``pose given``, or of ``paper``.
+
+        The last are in the modes that repeat the paper. It is ``other`` without runs, or with both.
+        """
+        if "--study paper" in self.command:
+            return "paper"
         tracking = self.more.get("conditions", {}).get("tracking")
         if not isinstance(tracking, str):
-            return "other"  # no runs, or both
+            return "other"
         return "camera" if tracking.startswith("in the camera's") else "pose given"
 
     def age(self, commit: int) -> str:
