@@ -133,7 +133,7 @@ def test_a_table_by_preset(folder):
     }
     assert lines(table, folder) == [
         ["task of ll", "98.1 (94 - 100)", "0.0", "slipped 1", "soup can 1", "54"],
-        ["joint of ll", "100.0", "–", "none", "none", "54"],
+        ["joint of ll", "100.0", "", "none", "none", "54"],
     ]
     heads = made(table, 0, folder).splitlines()[0]
     assert "grasp success [%] `held_percent` | slip |" in heads

@@ -195,7 +195,7 @@ STATEMENTS = {
         ("At each of {} surface points", (NetworkSampler.n_points,)),
         ("at steps of at most {:.0f}°", (360 / REACHABILITY["n_arm_angles"],)),
         (
-            "covariance floors `({:g} rad)²` and `({:g} mm)²`",
+            "covariance floors are `({:g} rad)²` and `({:g} mm)²`",
             (EM["rotation_floor"], 1e3 * EM["translation_floor"]),
         ),
         ("With fewer than {} grasps left", (value("non_maximum_suppression.ENOUGH"),)),
@@ -366,7 +366,7 @@ STATEMENTS = {
     "own_cell.md": [
         ("images {:g} ms late", (1e3 * CAMERA.output_delay,)),
         ("| `palm_size` | [{:.3f}, {:.3f}, {:.3f}] |", HAND.palm_size),
-        ("{} objects come with the package", (len(builtin_objects()),)),
+        ("The {} objects of the package", (len(builtin_objects()),)),
         ("minimum depth {:g} m, stereo baseline {:g} mm", (CAMERA.z_near, 1e3 * NOISE["baseline"])),
         ("| `max_opening` | {:g} |", (HAND.max_opening,)),
         ("| `tool_offset` | {:g} |", (HAND.tool_offset,)),

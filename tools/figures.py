@@ -45,7 +45,7 @@ _CURVES = {
     "dynamic_bezier_camera": "bezier-camera",
     "dynamic_spin": "spin",
 }
-NOT_MEASURED = "–"
+NOT_MEASURED = ""
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _AGES = re.compile(r"Ages are in commits before number (\d+), of ([\d-]+)\.")
 

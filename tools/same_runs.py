@@ -1,10 +1,10 @@
 """Whether this code gives the runs of older revisions: reference runs of all, bit for bit.
 
 ``python tools/same_runs.py REVISION ...`` runs each line of ``tools/same_runs.yaml`` in a checkout
-of each revision and in one of HEAD, and compares all logged positions, commands and poses. Of each
-kind of runs, by the camera alone, with the object's pose given or in the paper's modes, of which all
-are equal, it notes HEAD in the file: figures of that kind and revision count as figures of HEAD, and
-so do those of revisions that gave the same runs before.
+of each revision and in one of HEAD, and compares all logged positions, commands and poses. Runs are
+by the camera alone, with the object's pose given, or in the paper's modes. Of each kind of which
+all are equal, it notes HEAD in the file: figures of that kind and revision count as figures of
+HEAD, and so do those of revisions that gave the same runs before.
 """
 
 from __future__ import annotations
