@@ -35,6 +35,7 @@ LEGAL = {
     "Reachability.*.q:NaN": "no admissible configuration, and none nearest",
     "Re*.*.X_W?:NaN": "an unknown pose is not reached",
     "Re*.*.X_W?:infinite": "the same",
+    "Situation.q:degrees": "measured: without limits, joints may be wound up by many turns",
     "Situation.[XV]_WO:NaN": "the object is lost: nothing is in reach",
     "Situation.[XV]_WO:infinite": "the same",
     "Situation.[qv]:NaN": "the state of the arm is not known",

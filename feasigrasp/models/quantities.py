@@ -240,10 +240,11 @@ class Number:
 
 # A UR's joints go to a whole turn either way, and drives without limits far beyond.
 _DEGREES = (5.0 * pi, ", more than 2.5 turns: are these degrees? Give radians")
-#: Joint positions of an arm; those of one instant, one that is chosen; and velocities. Not finite
-#: where the state is unknown.
+#: Joint positions of an arm; those of one instant, those measured, which are of many turns where no
+#: limit is kept, and one that is chosen; and velocities. Not finite where the state is unknown.
 JOINTS = ArrayOf(("...", "joints"), "rad", finite=False, most=_DEGREES)
 JOINT_POSITIONS = ArrayOf(("joints",), "rad", finite=False, most=_DEGREES)
+MEASURED_POSITIONS = ArrayOf(("joints",), "rad", finite=False)
 CONFIGURATION = ArrayOf(("joints",), "rad", most=_DEGREES)
 JOINT_RATES = ArrayOf(("joints",), "rad/s", finite=False)
 JACOBIAN = ArrayOf((6, "joints"), finite=False)

@@ -16,7 +16,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.objects.tracking import Tracking
-from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.kinematics import tool_pose
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.ports import evaluate, optional
 
@@ -125,6 +125,6 @@ class ControllerInputs:
         if grid is None or grid.seen is None:
             return grid
         reach, hand = self._controller.reachability, self._controller._open_hand
-        X_WH = forward_kinematics(self.q, reach.gripper.X_FG, reach.arm)
+        X_WH = tool_pose(self.q, reach.gripper.X_FG, reach.arm)
         X_OH = se3.inverse(self.X_WO) @ X_WH
         return obstacle_surface(grid, X_OH, self.grasps.X_OG, hand)

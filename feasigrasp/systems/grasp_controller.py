@@ -30,7 +30,7 @@ from feasigrasp.models.objects.prediction import Motion, MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.quantities import JACOBIAN, JOINT_RATES, TWIST, NotNegative, Positive
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.kinematics import pose_and_jacobian
+from feasigrasp.models.robot.kinematics import pose_and_jacobian, tool_pose_and_jacobian
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.shape.grids import object_grid, obstacle_grid
@@ -368,7 +368,7 @@ class GraspController(LeafSystem):
             qd = self.in_view(self.velocity(self.memory(context), inputs), inputs)
         if inputs.touch.any():
             X_FG, arm = self.reachability.gripper.X_FG, self.reachability.arm
-            J_WH = pose_and_jacobian(inputs.q, X_FG, arm)[1]
+            J_WH = tool_pose_and_jacobian(inputs.q, X_FG, arm)[1]
             qd = self.enforced(yielding_velocity(qd, inputs.touch, J_WH), inputs)
         output.SetFromVector(qd)
 

@@ -27,7 +27,7 @@ from feasigrasp.models.quantities import Positive
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.kinematics import tool_pose
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
@@ -169,7 +169,7 @@ class GripperSequencer(LeafSystem):
             X_WO = np.full((4, 4), np.nan)  # nothing to close the fingers on
         return state.advanced(
             context.get_time(),
-            forward_kinematics(self._position.Eval(context), self._gripper.X_FG, self._arm),
+            tool_pose(self._position.Eval(context), self._gripper.X_FG, self._arm),
             X_WO,
             V_WO,
             self._usable.Eval(context),
@@ -189,7 +189,7 @@ class GripperSequencer(LeafSystem):
         if doubted or not np.isfinite(X_WO).all():
             return attempt.interrupted(now)
         q = self._position.Eval(context)
-        X_OH = inverse_kernel(X_WO) @ forward_kinematics(q, self._gripper.X_FG, self._arm)
+        X_OH = inverse_kernel(X_WO) @ tool_pose(q, self._gripper.X_FG, self._arm)
         return attempt.advanced(now, X_OH, self._offered(context), self._config.patience)
 
     def _target(self, context: Context) -> tuple[Array, Array]:

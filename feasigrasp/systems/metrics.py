@@ -12,7 +12,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import arm_condition_kernel, forward_kinematics
+from feasigrasp.models.robot.kinematics import arm_condition_kernel, tool_pose
 from feasigrasp.models.tracking.tracker import FieldTrack
 from feasigrasp.systems.ports import declare_input, declare_output, optional, scalar, weakly
 
@@ -81,7 +81,7 @@ class Metrics(LeafSystem):
         X_WO = X_WB if frame_pose is None else frame_pose.GetAsMatrix4()
         tracked: RigidTransform | None = optional(self._tracked, context)
         p_WO = np.full(3, np.nan) if tracked is None else tracked.translation()
-        X_WH = forward_kinematics(q, self._gripper.X_FG, self._arm)
+        X_WH = tool_pose(q, self._gripper.X_FG, self._arm)
         X_BH = inverse_kernel(X_WB) @ X_WH
         grasps: GraspSet | None = optional(self._grasps, context)
         sampled: GraspSet | None = optional(self._sampled, context)

@@ -36,8 +36,8 @@ from feasigrasp.models.ik.continuation import (
 from feasigrasp.models.ik.self_motion import inside_limits_kernel
 from feasigrasp.models.objects.prediction import Motion, PredictionModel, predicted_poses
 from feasigrasp.models.quantities import (
-    JOINT_POSITIONS,
     JOINT_RATES,
+    MEASURED_POSITIONS,
     POSES,
     TWIST,
     UNKNOWN_POSE,
@@ -152,7 +152,7 @@ class Situation:
     """
 
     time: float
-    q: Annotated[Array, JOINT_POSITIONS]
+    q: Annotated[Array, MEASURED_POSITIONS]
     v: Annotated[Array, JOINT_RATES]
     X_WO: Annotated[Array, UNKNOWN_POSE]
     V_WO: Annotated[Array, TWIST]
@@ -217,7 +217,8 @@ def find_interceptions(
         ReachabilityError: An argument of another type or shape, or a pose that is none.
     """
     n, times = len(X_OG), options.times(now.time)
-    reachability.arm.positions(now.q, 1)
+    if len(now.q) != reachability.arm.joints:
+        raise ReachabilityError(f"now.q has {len(now.q)} entries, not one per joint of the arm")
     found = Interceptions(
         np.full(n, np.inf),
         np.full(n, np.inf),

@@ -125,7 +125,7 @@ def pose_and_jacobian(
     """Tool pose and geometric Jacobian.
 
     Args:
-        q: Joint positions [rad], shape (..., 7), at most 4 pi in size.
+        q: Joint positions [rad], shape (..., 7).
         X_FT: Tool frame in the flange frame, shape (4, 4); the flange itself by default.
         arm: The arm.
 
@@ -137,7 +137,12 @@ def pose_and_jacobian(
         ArgumentError: ``q`` or ``X_FT`` has another shape; more than 2.5 turns (degrees?), or no
             pose.
     """
-    q = arm.positions(q)
+    return tool_pose_and_jacobian(arm.positions(q), X_FT, arm)
+
+
+def tool_pose_and_jacobian(q: Array, X_FT: ArrayLike | None, arm: Arm) -> tuple[Array, Array]:
+    """As `pose_and_jacobian`, of measured positions: without limits these are of many turns."""
+    q = np.ascontiguousarray(q, dtype=float)
     lead = q.shape[:-1]
     X_WT, J_WT = np.empty((*lead, 4, 4)), np.empty((*lead, 6, arm.joints))
     _batch_kernel(
@@ -157,7 +162,12 @@ def forward_kinematics(
     arm: Arm = IIWA_7,
 ) -> Array:
     """Tool pose ``X_WT``, shape (..., 4, 4). Arguments and errors as `pose_and_jacobian`."""
-    q = arm.positions(q)
+    return tool_pose(arm.positions(q), X_FT, arm)
+
+
+def tool_pose(q: Array, X_FT: ArrayLike | None, arm: Arm) -> Array:
+    """As `forward_kinematics`, see `tool_pose_and_jacobian`."""
+    q = np.ascontiguousarray(q, dtype=float)
     X_WT = np.empty((*q.shape[:-1], 4, 4))
     _pose_batch_kernel(arm.chain, q.reshape(-1, arm.joints), _tool(X_FT), X_WT.reshape(-1, 4, 4))
     return X_WT

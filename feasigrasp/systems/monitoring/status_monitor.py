@@ -24,7 +24,7 @@ from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.kinematics import tool_pose
 from feasigrasp.models.shape.scene_field import SceneField
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional, scalar
@@ -256,7 +256,7 @@ class StatusMonitor(LeafSystem):
         X_WO = self._pose.Eval(context).GetAsMatrix4()
         if not np.isfinite(X_WO).all():
             return None
-        X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG, self._arm)
+        X_WH = tool_pose(self._position.Eval(context), self._gripper.X_FG, self._arm)
         return inverse_kernel(X_WO) @ X_WH
 
     def _unobserved(self, context: Context) -> float:

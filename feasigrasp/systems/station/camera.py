@@ -22,7 +22,7 @@ from pydrake.systems.sensors import (
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.kinematics import tool_pose
 from feasigrasp.models.sensors.camera_errors import MATERIALS, CameraErrors
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
@@ -135,7 +135,7 @@ class CalibratedPose(LeafSystem):
             return X_WB
         q = self._position.Eval(context)
         flange, measured = (
-            RigidTransform(forward_kinematics(p, None, self._arm)) for p in (q, q + self._zero)
+            RigidTransform(tool_pose(p, None, self._arm)) for p in (q, q + self._zero)
         )
         return measured @ flange.inverse() @ X_WB
 

@@ -18,7 +18,7 @@ from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.kinematics import tool_pose
 from feasigrasp.systems.ports import add_connected, declare_input, declare_output, weakly
 
 
@@ -180,7 +180,7 @@ class CameraPose(LeafSystem):
         if not self._on_arm:
             return RigidTransform(self._X_BC)
         q = self._position.Eval(context)
-        return RigidTransform(forward_kinematics(np.array(q), self._X_BC, self._arm))
+        return RigidTransform(tool_pose(np.array(q), self._X_BC, self._arm))
 
 
 #: How far back a pose is remembered [s]. Source: guessed.

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from feasigrasp.errors import ArgumentError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.quantities import CONFIGURATION, JOINT_POSITIONS, JOINTS
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
@@ -196,3 +198,18 @@ def test_the_papers_field_and_its_one_view():
     alpha = np.linalg.solve(kernel(points) + 0.0025 * np.eye(len(points)), np.ones(len(points)))
     x = points.mean(axis=0) + np.random.default_rng(0).normal(0.0, 0.05, (50, 3))
     np.testing.assert_allclose(field.distance(x), -0.3 * np.log(kernel(x) @ alpha), atol=1e-5)
+
+
+@pytest.mark.parametrize("mode", ["paper", "corrected"])
+@pytest.mark.parametrize("controller", ["task", "joint"])
+def test_joints_without_limits_may_be_wound_up(monkeypatch, mode, controller):
+    """As after a minute on the circle: a run goes on where a caller would be asked for radians."""
+    text = f"{{control: {{mode: {mode}, controller: {controller}}}}}"
+    config = load_scenario(FILE, "PaperCircular", "{object: {model: duck}}", text)
+    simulator = Simulator(make_dynamic_grasp(config))
+    refused = JOINTS.most[1]
+    for quantity in (JOINTS, JOINT_POSITIONS, CONFIGURATION):
+        monkeypatch.setitem(vars(quantity), "most", (0.1, refused))
+    simulator.AdvanceTo(0.3)
+    with pytest.raises(ArgumentError, match="are these degrees"):
+        forward_kinematics(IIWA_7.home)

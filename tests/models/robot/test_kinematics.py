@@ -7,6 +7,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, JacobianWrtVariable
 
+from feasigrasp.errors import ArgumentError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -16,6 +17,7 @@ from feasigrasp.models.robot.kinematics import (
     manipulability_kernel,
     pose_and_jacobian,
     pose_jacobian_kernel,
+    tool_pose,
 )
 from feasigrasp.resources import model_path
 
@@ -157,3 +159,12 @@ def test_wrong_number_of_joints(function, q):
 def test_degrees_are_refused(function):
     with pytest.raises(ValueError, match=r"q holds 90, .*degrees\? Give radians"):
         function([0.0, 90.0, 0.0, -90.0, 0.0, 45.0, 0.0])
+
+
+def test_measured_positions_may_be_of_many_turns():
+    q = random_configurations(5)
+    wound = q + 2.0 * np.pi * np.arange(-17, 18).reshape(5, 7)
+    pose = forward_kinematics(q, X_FT)
+    np.testing.assert_allclose(tool_pose(wound, X_FT, IIWA_7), pose, atol=1e-12)
+    with pytest.raises(ArgumentError, match="are these degrees"):
+        forward_kinematics(wound, X_FT)
