@@ -30,7 +30,7 @@ SAVED = 0.2
 #: Rate at which the hand closes its distance to the grasp [1/s], and the largest speed and angular
 #: speed relative to the object [m/s], [rad/s]. Source: guessed.
 GAIN, MAX_LINEAR, MAX_ANGULAR = 5.0, 0.4, 1.5
-#: The way into the grasp.
+#: The approach corridor.
 _CORRIDOR = ApproachCorridor()
 
 

@@ -92,7 +92,7 @@ def decimate(mesh: trimesh.Trimesh, max_faces: int) -> tuple[trimesh.Trimesh, tu
 def decimate_within(mesh: trimesh.Trimesh, tolerance: float) -> trimesh.Trimesh:
     """A closed mesh with fewer faces whose surface stays within a tolerance [m], by edge collapse.
 
-    It is the given one if that is none that manifold3d takes for the surface of a solid.
+    It is the given mesh where manifold3d does not take that for the surface of a solid.
     """
     fine = _manifold(mesh)
     if fine.status() != Error.NoError:

@@ -147,7 +147,7 @@ class ObjectView(Frozen):
         return outline(kept, of_body, np.zeros_like(kept), (int(top), int(left)), self.camera)
 
     def _cells(self, points_C: Array) -> tuple[Indices, Indices, Mask]:
-        """Row and column of points in the cells of the silhouette, 0 outside; and who is inside."""
+        """Row and column of points in the cells of the silhouette, else 0; which are inside."""
         (left, top), _, distance, _ = self._silhouette
         u, v = self.camera.pixels(points_C)
         column, row = (np.floor(a / CELL).astype(int) - b for a, b in ((u, left), (v, top)))

@@ -63,7 +63,7 @@ class HorizonOptions:
         switch: What another grasp must save [s]; the prototype's choice, as the next.
         patience: A grasp that is not offered any more is followed for this time [s].
         neighbours: Most grasps that the term is over; 1 for the selected one alone.
-        corridor: The way into a grasp.
+        corridor: The approach corridor.
         interception: What can be followed.
         program: Knots and weights.
     """

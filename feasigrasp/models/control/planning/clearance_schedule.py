@@ -83,7 +83,7 @@ def scheduled_obstacle(
         V_WO: Object twist [angular; linear], shape (6,).
         X_FG: Grasp frame on the flange, shape (4, 4).
         X_OG: The grasps, in O, shape (n, 4, 4).
-        corridor: The way into a grasp.
+        corridor: The approach corridor.
         arm: The arm.
 
     Returns:
