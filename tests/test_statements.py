@@ -386,7 +386,7 @@ STATEMENTS = {
         ("within {:g} m of the hand", (local("foreground.segment.within"),)),
     ],
     "results_schema.md": [
-        ("the forearm in {} slices", (SLICES["iiwa_link_5"],)),
+        ("forearm and link 1 in {} slices", (SLICES["iiwa_link_5"],)),
         ("alone, {:g} times per second", (1 / value("status_monitor.PERIOD"),)),
         (
             "`touched`: one; `braking_for_obstacle`: {:g} s",

@@ -83,8 +83,9 @@ def torque_metrics(
 #: The hand's bodies in the order of `HAND_NAMES`.
 _HAND = ("gripper_body", "left_finger", "right_finger", "camera_body")
 #: Of how many slices across its z-axis the hulls of a body are made, if not of the whole: the hull
-#: of the whole forearm would fill the fork in which the wrist turns.
-SLICES = {"iiwa_link_5": 12}
+#: of the whole forearm would fill the fork in which the wrist turns, that of the first link the
+#: waist above the base.
+SLICES = {"iiwa_link_1": 12, "iiwa_link_5": 12}
 
 
 def reference_robot(directives: Sequence[ModelDirective], arm: Arm = IIWA_7) -> ReferenceRobot:
