@@ -6,6 +6,7 @@ again once its ``summary.json`` is there; repeated, the command goes on where it
 
 import argparse
 import shlex
+import signal
 import subprocess
 import sys
 import time
@@ -82,6 +83,7 @@ def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     chosen = _chosen(args)
     _keep_to_one_revision(args.out)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # ends the running one as well
     missing = {n: m for n, m in chosen.items() if not (args.out / n / "summary.json").exists()}
     print(f"{len(chosen) - len(missing)} of {len(chosen)} are finished already in {args.out}")
     status, estimated, measured = 0, 0.0, 0.0
