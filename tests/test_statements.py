@@ -198,7 +198,7 @@ STATEMENTS = {
             "covariance floors are `({:g} rad)²` and `({:g} mm)²`",
             (EM["rotation_floor"], 1e3 * EM["translation_floor"]),
         ),
-        ("With fewer than {} grasps left", (value("non_maximum_suppression.ENOUGH"),)),
+        ("With fewer than {} grasps left", (value("grasp_set.ENOUGH"),)),
         ("more than {:g} mm from the surface", (1e3 * local("filter.filter_grasps.tolerance"),)),
         ("exceeds {:g}; {:g}, then {:g}, while", value("filter.COSINE_STEPS")),
         ("is closer than {:g} mm and half", (mm("hand_clearance.MARGIN"),)),

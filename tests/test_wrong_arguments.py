@@ -76,7 +76,6 @@ LEGAL = {
     "GraspSet.select.keep:empty": "no grasps",
     "GraspSet.select.keep:shorter": "any indices",
     "GraspSet.select.keep:longer": "any indices",
-    "filter_grasps.cosine_steps:shorter": "any number of steps",
     "Result.samples:*": "a figure that is not known",
     "DepthFolder.X_WC:NaN": "an image without a pose",
     "DepthFolder.X_WC:infinite": "the same",

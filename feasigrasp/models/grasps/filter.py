@@ -7,7 +7,7 @@ translation in that look-up. Beyond the paper, the margin of the hand grows with
 the surface beside it, and what is left is scored by the probability that it is a true grasp.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated
 
@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull, QhullError
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Indices, Mask
-from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection, contacts
+from feasigrasp.models.grasps.grasp_set import ENOUGH, FLIP, GraspSet, Rejection, contacts
 from feasigrasp.models.grasps.hand_clearance import MARGIN, THIN_WALL, hand_freedom
 from feasigrasp.models.grasps.success_probability import (
     CONTACT,
@@ -28,11 +28,12 @@ from feasigrasp.models.grasps.success_probability import (
     odds,
     probability,
 )
-from feasigrasp.models.quantities import CLOUD, POSES, ArrayOf, Positive, Whole
+from feasigrasp.models.quantities import CLOUD, POSES, ArrayOf, Positive
 from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
 
-#: Cosines between opposed contact normals that are tried one after the other. Source: guessed.
+#: Largest cosines allowed between opposed contact normals, strictest first; a weaker one is used
+#: only while fewer than `ENOUGH` grasps pass. Source: guessed.
 COSINE_STEPS = (-0.8, -0.7, -0.6)
 
 
@@ -44,15 +45,12 @@ def filter_grasps(
     gripper: ParallelGripper,
     *,
     prior: Annotated[ArrayLike, ArrayOf(("n", 2), finite=False)] | None = None,
-    cosine_steps: Sequence[float] = COSINE_STEPS,
-    enough: Whole = 10,
-    table: Annotated[ArrayLike, ArrayOf((4,))] | None = None,
 ) -> GraspSet:
     """Keeps the grasps that fit the hand, hold the object and collide with nothing.
 
     A grasp and its 180-degree flip are the same grasp, and whoever takes it chooses between them:
-    the hand has to be clear of the object either way round. A table may block one way; then the
-    other one is handed on.
+    the hand has to be clear of the object either way round. The field's table may block one way;
+    then the other one is handed on.
 
     Args:
         gpdf: Distance field in frame O.
@@ -63,12 +61,6 @@ def filter_grasps(
             that the hand is free, the latter NaN where it has no opinion. They are weighed with the
             estimate of the field; walls thinner than `THIN_WALL` with observed free space on both
             sides, and hands that collide only with unobserved surface, are left to the network.
-        cosine_steps: Largest cosine allowed between the contact normals, strictest first. A
-            weaker one is used only while fewer than ``enough`` grasps pass.
-        enough: See ``cosine_steps``.
-        table: A plane that the hand has to stay above by `MARGIN`: unit normal n in O and
-            offset h, shape (4,) [m]; points with ``n . p > h`` are above. Without one it is that of
-            the field.
 
     Returns:
         The survivors, best first, with the number of candidates dropped for each `Rejection`. The
@@ -76,10 +68,8 @@ def filter_grasps(
         of the candidate.
 
     Raises:
-        GraspError: If poses, widths and priors do not match, or the table is no plane.
+        GraspError: If poses, widths and priors do not match.
     """
-    if len(cosine_steps) == 0:
-        raise GraspError("filter_grasps: cosine_steps is empty; give one cosine or more")
     poses = np.asarray(X_OG)
     learned = np.full((len(poses), 2), [1.0, np.nan])
     if prior is not None:
@@ -89,21 +79,19 @@ def filter_grasps(
                 "filter_grasps: prior holds contacts without a probability, or infinity; only that "
                 "of a free hand may be NaN"
             )
-    numbers = np.arange(len(poses))
-    candidates = GraspSet(poses, np.asarray(width), learned[:, 0], {}, numbers)
-    if table is None and gpdf.table is not None:
-        table = gpdf.table * [1.0, 1.0, 1.0, -1.0]
-    plane = None if table is None else np.asarray(table)
-    if plane is not None and not abs(np.linalg.norm(plane[:3]) - 1.0) < 1e-6:
-        raise GraspError(f"table = {plane}; give a unit normal and an offset in metres, shape (4,)")
+    candidates = GraspSet(poses, np.asarray(width), learned[:, 0], {}, np.arange(len(poses)))
     if len(candidates) == 0:
         return candidates
 
     opening = gripper.max_opening - 2 * MARGIN
     narrow = (candidates.width <= opening) & ~np.bool_(is_wider(*gpdf.seen(), opening))
     candidates = candidates.select(narrow, Rejection.TOO_WIDE)
-    if plane is not None:
-        candidates = _above_table(candidates, plane, gripper)
+    as_is, flipped = (
+        above_table(gpdf, X, gripper) for X in (candidates.X_OG, candidates.X_OG @ FLIP)
+    )
+    turn = (~as_is & flipped)[:, None, None]
+    turned = replace(candidates, X_OG=np.where(turn, candidates.X_OG @ FLIP, candidates.X_OG))
+    candidates = turned.select(as_is | flipped, Rejection.HITS_TABLE)
     pairs, pair_of = _contact_pairs(candidates)
     thin = (pairs.width < THIN_WALL) & (prior is not None)
     thin[thin] = _is_wall(gpdf, pairs.select(np.flatnonzero(thin)))
@@ -115,16 +103,16 @@ def filter_grasps(
     checks: dict[str, Mask] = {
         Rejection.OFF_SURFACE: touching[pair_of],
         Rejection.NOTHING_BETWEEN: (thin | _holding(gpdf, pairs))[pair_of],
-        Rejection.NOT_ANTIPODAL: (cosine <= max(cosine_steps))[pair_of],
+        Rejection.NOT_ANTIPODAL: (cosine <= max(COSINE_STEPS))[pair_of],
     }
     candidates, pair_of = _apply(candidates, pair_of, checks)
 
-    free, certain = hand_freedom(gpdf, candidates, learned[candidates.id, 1], gripper, enough)
+    free, certain = hand_freedom(gpdf, candidates, learned[candidates.id, 1], gripper)
     certain = certain[free]
     candidates, pair_of = _apply(candidates, pair_of, {Rejection.COLLIDES: free})
 
-    for limit in sorted(cosine_steps):
-        if np.count_nonzero(cosine[pair_of] <= limit) >= enough:
+    for limit in COSINE_STEPS:
+        if np.count_nonzero(cosine[pair_of] <= limit) >= ENOUGH:
             break
     opposed = cosine[pair_of] <= limit
     certain = certain[opposed]
@@ -185,20 +173,15 @@ def _apply(
     return grasps.select(passed).counted(dropped), pair_of[passed]
 
 
-def _above_table(grasps: GraspSet, plane: Array, gripper: Gripper) -> GraspSet:
-    """The grasps whose hand is above a plane, turned by half a turn where that is what it takes."""
-    as_is, flipped = (above_table(X, plane, gripper) for X in (grasps.X_OG, grasps.X_OG @ FLIP))
-    turn = ~as_is & flipped
-    poses = np.where(turn[:, None, None], grasps.X_OG @ FLIP, grasps.X_OG)
-    return replace(grasps, X_OG=poses).select(as_is | flipped, Rejection.HITS_TABLE)
-
-
-def above_table(X_OG: Array, plane: Array, gripper: Gripper) -> Mask:
-    """Mask of poses (n, 4, 4) at which the open hand is above a plane (4,), see `filter_grasps`."""
+def above_table(gpdf: Gpdf, X_OG: Array, gripper: Gripper) -> Mask:
+    """Mask of poses (n, 4, 4) at which the open hand is above the field's table by `MARGIN`."""
+    if gpdf.table is None:
+        return np.ones(len(X_OG), dtype=bool)
+    normal, offset = gpdf.table[:3], gpdf.table[3]
     hand = gripper.surface_points(gripper.max_opening)
     # Heights of points along the axes of every hand, and of their origins.
-    height = np.einsum("j,nji,ki->nk", plane[:3], X_OG[:, :3, :3], hand, optimize=True)
-    return np.asarray(height.min(axis=1) + X_OG[:, :3, 3] @ plane[:3] - plane[3] >= MARGIN)
+    height = np.einsum("j,nji,ki->nk", normal, X_OG[:, :3, :3], hand, optimize=True)
+    return np.asarray(height.min(axis=1) + X_OG[:, :3, 3] @ normal + offset >= MARGIN)
 
 
 def _contact_state(gpdf: Gpdf, grasps: GraspSet) -> tuple[Array, Array]:

@@ -27,24 +27,23 @@ def gripper_glyph(gripper: Gripper) -> tuple[Array, Indices]:
     """
     t = 0.0015  # half the edge of the rods' square section [m]
     x = gripper.max_opening / 2 + t
-    length, middle = (gripper.tip - gripper.heel) / 2, (gripper.tip + gripper.heel) / 2
-    stem = 0.5 * (gripper.tip - gripper.heel)
+    half, middle = (gripper.tip - gripper.heel) / 2, (gripper.tip + gripper.heel) / 2
     boxes = [  # centre, half sizes
-        ((-x, 0.0, middle), (t, t, length)),
-        ((x, 0.0, middle), (t, t, length)),
+        ((-x, 0.0, middle), (t, t, half)),
+        ((x, 0.0, middle), (t, t, half)),
         ((0.0, 0.0, gripper.heel + t), (x - t, t, t)),
-        ((0.0, 0.0, gripper.heel - stem / 2), (t, t, stem / 2)),
+        ((0.0, 0.0, gripper.heel - half / 2), (t, t, half / 2)),
     ]
-    vertices = [np.array(centre) + _CORNERS * half for centre, half in boxes]
+    vertices = [np.array(centre) + _CORNERS * size for centre, size in boxes]
     faces = [_FACES + len(_CORNERS) * i for i in range(len(boxes))]
     return np.concatenate(vertices), np.concatenate(faces)
 
 
-def disc(radius: float, corners: int = 6) -> tuple[Array, Indices]:
-    """A flat regular polygon round the origin that faces z: vertices [m] and triangles."""
-    angle = 2.0 * np.pi * np.arange(corners) / corners
-    vertices = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(corners)], axis=1)
-    return vertices, np.array([(0, i, i + 1) for i in range(1, corners - 1)])
+def disc(radius: float) -> tuple[Array, Indices]:
+    """A flat hexagon round the origin that faces z: vertices [m] and triangles."""
+    angle = 2.0 * np.pi * np.arange(6) / 6
+    vertices = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(6)], axis=1)
+    return vertices, np.array([(0, i, i + 1) for i in range(1, 5)])
 
 
 def frames_along(points: ArrayLike, normals: ArrayLike) -> Array:

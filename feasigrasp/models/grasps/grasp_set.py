@@ -18,6 +18,8 @@ from feasigrasp.models.shape.gpdf import Gpdf
 
 #: The ``id`` of a grasp that has not been compared with an earlier set. Source: layout.
 UNKNOWN = -1
+#: So many grasps are enough to choose from. Source: guessed.
+ENOUGH = 10
 #: Half a turn about the approach direction: the same grasp, another pose of the hand. Source:
 #: definition.
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])

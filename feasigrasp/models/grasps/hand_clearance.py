@@ -6,7 +6,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry.points import nearest_distance
-from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet
+from feasigrasp.models.grasps.grasp_set import ENOUGH, FLIP, GraspSet
 from feasigrasp.models.grasps.success_probability import (
     CLEARANCE,
     FAR,
@@ -21,7 +21,7 @@ from feasigrasp.models.shape.gpdf import INVENTED, MARGIN_GROWTH, Gpdf, surface_
 from feasigrasp.models.shape.scene_field import SceneField
 
 
-def scene_clear(scene: SceneField, X_WG: Array, gripper: Gripper, margin: float = 0.005) -> Mask:
+def scene_clear(scene: SceneField, X_WG: Array, gripper: Gripper, margin: float) -> Mask:
     """Mask (n,) of poses (n, 4, 4) at which the open hand keeps a margin [m] from a scene in W."""
     points = _placed(gripper.surface_points(gripper.max_opening), X_WG)
     hits = scene.closer_than(points.reshape(-1, 3), margin)
@@ -52,12 +52,13 @@ HOPEFUL = 0.5
 
 
 def hand_freedom(
-    gpdf: Gpdf, grasps: GraspSet, learned: Array, gripper: Gripper, enough: int
+    gpdf: Gpdf, grasps: GraspSet, learned: Array, gripper: Gripper
 ) -> tuple[Mask, Array]:
     """Mask of collision-free open hands, with probabilities.
 
     Where a wall is thin, the field fills what it encloses; and what it closes a shape with, far
-    from all that was seen, is a guess.
+    from all that was seen, is a guess. While fewer than `ENOUGH` hands are free, what lies in known
+    free space does not count.
 
     Args:
         gpdf: Distance field in frame O.
@@ -65,7 +66,6 @@ def hand_freedom(
         learned: Probability that the hand is free, as a network estimates it, shape (n,); NaN where
             it has no opinion.
         gripper: The hand.
-        enough: While fewer hands than this are free, what lies in known free space does not count.
 
     Returns:
         Which are free, and how probable that is of each, shapes (n,).
@@ -75,7 +75,7 @@ def hand_freedom(
     in_doubt = np.zeros(len(grasps), dtype=bool)
     if gpdf.has_free_space:
         in_doubt = ~free & (grasps.score * np.nan_to_num(learned) >= HOPEFUL)
-        few = np.count_nonzero(free) < enough
+        few = np.count_nonzero(free) < ENOUGH
         again = ~free & ~in_doubt & (few | (grasps.width < THIN_WALL))
         clearance[again] = observed_clearance(gpdf, grasps.X_OG[again], gripper)
         free[again] = clearance[again] >= MARGIN + MARGIN_GROWTH * deviation[again]
@@ -87,9 +87,7 @@ def hand_freedom(
     return free, np.where(in_doubt, probability(UNOBSERVED_CLEARANCE, odds(learned)), certain)
 
 
-def hand_clearance(
-    gpdf: Gpdf, X_OG: Array, gripper: Gripper, near: float = 0.0
-) -> tuple[Array, Array]:
+def hand_clearance(gpdf: Gpdf, X_OG: Array, gripper: Gripper, near: float) -> tuple[Array, Array]:
     """Clearance of the whole open hand from the surface, for the worse of both flips.
 
     A hand closer than ``near`` [m] collides; how much closer it is does not matter.

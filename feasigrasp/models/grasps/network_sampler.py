@@ -13,7 +13,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.filter import filter_grasps
-from feasigrasp.models.grasps.grasp_set import GraspSet, grasp_frames
+from feasigrasp.models.grasps.grasp_set import ENOUGH, GraspSet, grasp_frames
 from feasigrasp.models.grasps.hand_clearance import THIN_WALL
 from feasigrasp.models.grasps.network.network import (
     GraspNetwork,
@@ -21,7 +21,7 @@ from feasigrasp.models.grasps.network.network import (
     load_grasp_network,
 )
 from feasigrasp.models.grasps.network.surface_input import GraspInput, grasp_input
-from feasigrasp.models.grasps.non_maximum_suppression import ENOUGH, suppress_non_maxima
+from feasigrasp.models.grasps.non_maximum_suppression import suppress_non_maxima
 from feasigrasp.models.grasps.success_probability import MEAN, odds, probability
 from feasigrasp.models.quantities import Count, Share
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -30,11 +30,6 @@ from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation, unit_normals
 #: Poses X_OG (n, 4, 4), widths (n,) [m], and probabilities of the network (n, 2) of the
 #: contact and of a free hand, NaN where it does not.
 Candidates = tuple[Array, Array, Array]
-
-#: Closing lines are turned so often towards the normals, by less than this; a line is not followed
-#: further from its middle than this, nor if its far end is expected to be off by more [m]. Source:
-#: guessed.
-_TURNS, _LEAST_TURN_COSINE, _FARTHEST, _WELL_KNOWN = 2, np.cos(np.deg2rad(20.0)), 0.06, 0.0025
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,18 +158,21 @@ def _straightened(gpdf: Gpdf, middle: Array, b: Array, width: Array) -> tuple[Ar
     again. Lines are given and returned as middles (n, 3) [m], unit directions (n, 3) and lengths
     (n,) [m].
     """
+    # How often a line is turned, and by less than which angle (cosine); how far it is followed from
+    # its middle, and how far off its end is expected to be, at most [m].
+    turns, least_cosine, farthest, well_known = 2, np.cos(np.deg2rad(20.0)), 0.06, 0.0025
     middle, b, width = middle.copy(), b.copy(), width.copy()
     ends = middle + 0.5 * width[:, None] * b
-    known = np.flatnonzero((width > THIN_WALL) & (surface_deviation(gpdf, ends) < _WELL_KNOWN))
+    known = np.flatnonzero((width > THIN_WALL) & (surface_deviation(gpdf, ends) < well_known))
     p, x, w = middle[known], b[known], width[known]
     n1, n2 = _end_normals(gpdf, p, x, w)
     turning = np.arange(len(p))
-    for _ in range(_TURNS):  # a line that gained nothing would gain nothing by the same turn again
+    for _ in range(turns):  # a line that gained nothing would gain nothing by the same turn again
         turned = unit_normals(n2[turning] - n1[turning])
-        near = np.einsum("ni,ni->n", turned, x[turning]) > _LEAST_TURN_COSINE
+        near = np.einsum("ni,ni->n", turned, x[turning]) > least_cosine
         turning, turned = turning[near], turned[near]
         ahead, behind = gpdf.ray_exits(
-            np.tile(p[turning], (2, 1)), np.concatenate([turned, -turned]), _FARTHEST, 0.0
+            np.tile(p[turning], (2, 1)), np.concatenate([turned, -turned]), farthest, 0.0
         ).reshape(2, -1)
         length, there = ahead + behind, p[turning] + 0.5 * (ahead - behind)[:, None] * turned
         found = np.isfinite(length)

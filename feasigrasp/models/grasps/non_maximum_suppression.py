@@ -9,7 +9,7 @@ from scipy.optimize import linear_sum_assignment
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.grasps.filter import filter_grasps
-from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
+from feasigrasp.models.grasps.grasp_set import ENOUGH, UNKNOWN, GraspSet, Rejection
 from feasigrasp.models.grasps.hand_clearance import THIN_WALL
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -18,7 +18,7 @@ from feasigrasp.models.shape.gpdf import Gpdf
 SAME_POSITION, SAME_ANGLE = 0.010, np.deg2rad(20.0)
 #: Grasps that score less are left out, as long as `ENOUGH` are there; those less likely than even
 #: are offered only if there is no other. Source: guessed.
-LEAST_SCORE, ENOUGH, EVEN = 0.87, 10, 0.5
+LEAST_SCORE, EVEN = 0.87, 0.5
 
 
 def suppress_non_maxima(
@@ -144,13 +144,13 @@ class GraspHistory(Frozen):
         if count == 0:
             return GraspHistory(gpdf, found, self.next_id)
         matched_old, matched_new = associate_grasps(old, found)
-        ids = np.full(len(found), -1, dtype=np.int64)
+        ids = np.full(len(found), UNKNOWN)
         ids[matched_new] = old.id[matched_old]
-        unknown = ids < 0
+        unknown = ids == UNKNOWN
         next_id = self.next_id + int(np.count_nonzero(unknown))
         ids[unknown] = np.arange(self.next_id, next_id)
 
-        good = GraspSet.empty() if recheck is None or not len(old) else recheck(gpdf, old)
+        good = recheck(gpdf, old) if recheck and len(old) else GraspSet.empty()
         before = dict(zip(old.id.tolist(), old.score, strict=True))
         fresh = dict(zip(ids.tolist(), found.score, strict=True))
         score = np.array(

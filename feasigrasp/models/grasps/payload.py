@@ -1,7 +1,6 @@
 """Payload filter: grasp wrench capacity of soft pads (Howe and Cutkosky 1996)."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,31 +24,19 @@ from feasigrasp.models.shape.gpdf import Gpdf
 # dA``, with the distance s from the axis, is about what that brings before the patch opens.
 
 
-class Grip(NamedTuple):
-    """Grasp wrench capacity of n grasps.
-
-    Attributes:
-        force: Tangential force that both pads bear together, for a coefficient of friction of 1,
-            which scales it [N].
-        moment: Moments about x, y and z of the grasp frame that both bear together, shape (n, 3);
-            that about x, the closing line, likewise for a coefficient of 1 [Nm].
-        p_OP: Where they bear it, the mean of the centres of pressure, shape (n, 3) [m].
-    """
-
-    force: float
-    moment: Array
-    p_OP: Array
-
-
-def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Grip:
+def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> tuple[Array, Array]:
     """Grasp wrench capacity of pads on a completed surface (Johnson 1985, section 4.3).
 
     Field and grasps are in O; the widths of the grasps say where the pads stop.
+
+    Returns:
+        Moments about x, y and z of the grasp frame that both pads bear together, shape (n, 3) [Nm];
+        that about x, the closing line, for a coefficient of friction of 1, which scales it. Where
+        they bear it, the mean of the centres of pressure, shape (n, 3) [m].
     """
     # How finely a field resolves the gap between pad and surface [m]: the pads are taken to be so
     # soft that their force presses the whole pad in by this much; the simulated ones are harder.
     roughness = 2e-4
-    steps = 2
     y, z, area = pad_cells(gripper)
     x, half = grasps.X_OG[:, :3, 0], 0.5 * grasps.width[:, None]
     across = np.einsum("nij,kj->nki", grasps.X_OG[:, :3, 1:3], np.column_stack([y, z]))
@@ -57,12 +44,12 @@ def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Grip:
     moment, middle = np.zeros((len(grasps), 3)), np.zeros((len(grasps), 2))
     for way in (-1.0, 1.0):
         on_pad = (grasps.X_OG[:, :3, 3] + way * half * x)[:, None] + across
-        gap = gpdf.refine(on_pad.reshape(-1, 3), steps)[0].reshape(len(grasps), len(y))
+        gap = gpdf.refine(on_pad.reshape(-1, 3), 2)[0].reshape(len(grasps), len(y))
         pressure = contact_pressure(gap, area, stiffness, gripper.grip_force)
         moment += moment_limits(y, z, pressure * area)
         middle += 0.5 * pressure_centre(y, z, pressure)
     p_OP = grasps.X_OG[:, :3, 3] + np.einsum("nij,nj->ni", grasps.X_OG[:, :3, 1:3], middle)
-    return Grip(2.0 * gripper.grip_force, moment, p_OP)
+    return moment, p_OP
 
 
 def pad_cells(gripper: ParallelGripper) -> tuple[Array, Array, float]:
@@ -140,13 +127,13 @@ def with_loads(
         lever = body.p_OC - grasps.X_OG[:, :3, 3]
         return replace(grasps, load=CupLoad(grasps.X_OG[:, :3, :3], lever, body, gripper))
     assert isinstance(gripper, ParallelGripper)
-    grip = grip_of(gpdf, grasps, gripper)
+    moment, p_OP = grip_of(gpdf, grasps, gripper)
     load = PadLoad(
         R_OG=grasps.X_OG[:, :3, :3],
-        lever=body.p_OC - grip.p_OP,
+        lever=body.p_OC - p_OP,
         body=body,
-        force=np.full(len(grasps), FRICTION * FORCE_SHARE * grip.force),
-        moment=MOMENT_SHARE * FORCE_SHARE * grip.moment * [FRICTION, 1.0, 1.0],
+        force=np.full(len(grasps), FRICTION * FORCE_SHARE * (2.0 * gripper.grip_force)),
+        moment=MOMENT_SHARE * FORCE_SHARE * moment * [FRICTION, 1.0, 1.0],
     )
     return replace(grasps, load=load)
 

@@ -3,13 +3,11 @@
 from collections.abc import Callable
 from enum import StrEnum
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
-from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_word
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
@@ -44,18 +42,8 @@ def sampler_names() -> list[str]:
     return [*map(str, SamplerName), *plugins("samplers")]
 
 
-class Proposer(Protocol):
-    """A sampler whose proposals can be had before they are filtered."""
-
-    @property
-    def n_grasps(self) -> int:
-        """Grasps that are returned, at most."""
-
-    def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, object]:
-        """Poses in O, widths, and probabilities if there are any."""
-
-    def __call__(self, gpdf: Gpdf) -> GraspSet:
-        """Filtered grasps in O, best first."""
+#: Samplers whose proposals can be had before they are filtered.
+Proposer = AntipodalSampler | NetworkSampler | SuctionSampler
 
 
 def unfiltered(sampler: Proposer, gpdf: Gpdf) -> GraspSet:

@@ -19,9 +19,6 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 
 #: Predicted poses of an object (k, 4, 4) and their times from some instant on (k,) [s].
 Path = Callable[[ArrayLike], Array]
-#: An object that is lifted has come to rest after this, 4/27 of it times its speed away [s].
-#: Source: guessed.
-_BRAKING = 1.5
 #: Pose and twist of an object without a tracker. Source: layout.
 _UNKNOWN = np.full((4, 4), np.nan), np.full(6, np.nan)
 
@@ -352,12 +349,13 @@ def has_closed(t: float, since: float, pressing: float, config: GraspSequenceCon
 def _lifted(elapsed: float, V: Array, config: GraspSequenceConfig) -> tuple[Array, Array]:
     """Displacement and twist [angular; linear] of the lift, which begins with the twist V.
 
-    Cubics of time that end at rest; with the lift's T, and t = min(T, `_BRAKING`)::
+    Cubics of time that end at rest; with the lift's T, and t = min(T, 1.5 s)::
 
         lift (3 s^2 - 2 s^3) + V t (r - 2 r^2 + r^3),    s = elapsed / T,  r = elapsed / t
     """
     lift, T = np.concatenate([np.zeros(3), config.lift]), config.lift_time
-    t = min(T, _BRAKING)
+    # An object comes to rest after this, 4/27 of it times its speed away [s]. Source: guessed.
+    t = min(T, 1.5)
     s, r = min(1.0, elapsed / T), min(1.0, elapsed / t)
     moved = lift * (3.0 * s**2 - 2.0 * s**3) + V * (t * r * (1.0 - r) ** 2)
     return moved, lift * (6.0 * s * (1.0 - s) / T) + V * ((1.0 - r) * (1.0 - 3.0 * r))

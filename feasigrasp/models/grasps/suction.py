@@ -29,9 +29,7 @@ def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:
     """
     n = len(X_OG)
     grasps = GraspSet(X_OG, np.full(n, 2.0 * cup.radius), np.ones(n), {}, np.arange(n))
-    if gpdf.table is not None:
-        plane = gpdf.table * [1.0, 1.0, 1.0, -1.0]
-        grasps = grasps.select(above_table(grasps.X_OG, plane, cup), Rejection.HITS_TABLE)
+    grasps = grasps.select(above_table(gpdf, grasps.X_OG, cup), Rejection.HITS_TABLE)
     there, sealed, score = seal_state(gpdf, grasps.X_OG, cup)
     grasps = replace(grasps, score=score).select(there, Rejection.OFF_SURFACE)
     grasps = grasps.select(sealed[there], Rejection.NOT_FLAT)

@@ -87,6 +87,10 @@ class Gpdf(Frozen):
 
     def __post_init__(self) -> None:
         check_fields(self, PointCloudError)
+        if self.table is not None and not abs(np.linalg.norm(self.table[:3]) - 1.0) < 1e-6:
+            raise PointCloudError(
+                f"table = {self.table}; give a unit normal and an offset in metres"
+            )
         self._freeze(**{k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)})
 
     def seen(self) -> tuple[Array, Array]:

@@ -7,8 +7,8 @@ import pytest
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.grasps.filter import contact_cosine, filter_grasps
+from feasigrasp.models.grasps.grasp_set import ENOUGH
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
-from feasigrasp.models.grasps.non_maximum_suppression import ENOUGH
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp_lab.networks import TorchGraspNetwork
@@ -47,7 +47,7 @@ def test_grasps_are_filtered_ranked_and_reproducible(can):
     np.testing.assert_array_equal(again.X_OG, grasps.X_OG)
     assert len(grasps) >= 10, dict(grasps.rejected)
     assert (np.diff(grasps.score) <= 0).all()
-    passed = filter_grasps(can, grasps.X_OG, grasps.width, SAMPLER.gripper, enough=1000)
+    passed = filter_grasps(can, grasps.X_OG, grasps.width, SAMPLER.gripper)
     assert len(passed) == len(grasps)
 
 

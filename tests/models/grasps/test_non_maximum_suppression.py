@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import ENOUGH, GraspSet
 from feasigrasp.models.grasps.non_maximum_suppression import (
-    ENOUGH,
     distinct,
     suppress_non_maxima,
 )

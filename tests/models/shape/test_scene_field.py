@@ -164,10 +164,10 @@ def hand_poses():
 
 
 def test_the_open_hand_keeps_clear_of_table_and_box(scene):
-    clear = scene_clear(scene, hand_poses(), ParallelGripper())
+    clear = scene_clear(scene, hand_poses(), ParallelGripper(), 0.005)
     np.testing.assert_array_equal(clear, [True, False, True, False])
     assert not scene_clear(scene, hand_poses()[:1], ParallelGripper(), margin=0.03)[0]
-    assert scene_clear(scene, np.zeros((0, 4, 4)), ParallelGripper()).shape == (0,)
+    assert scene_clear(scene, np.zeros((0, 4, 4)), ParallelGripper(), 0.005).shape == (0,)
 
 
 def test_random_hand_poses_agree_with_the_true_distance(scene):
