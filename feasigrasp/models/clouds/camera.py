@@ -83,9 +83,7 @@ class Camera(Frozen):
     @checked(CameraError)
     def in_image(self, points_C: Annotated[Array, CLOUD]) -> Mask:
         """Mask of points (n, 3) inside the image and beyond the least depth, shape (n,)."""
-        u, v = self.pixels(points_C)
-        inside = (u > 1.0) & (u < self.width - 2.0) & (v > 1.0) & (v < self.height - 2.0)
-        return np.asarray(inside & (points_C[:, 2] > self.near))
+        return np.asarray((self.to_border(points_C) > 1.0) & (points_C[:, 2] > self.near))
 
     @checked(CameraError)
     def to_border(self, points_C: Annotated[Array, CLOUD]) -> Array:

@@ -199,16 +199,15 @@ class FusedCloud(Frozen):
             rows[again, 3:] += share * (added[i, 3:] - rows[again, 3:])
             known[again] += weights[i]
             added, weights = added[~repeated], weights[~repeated]
-        rows, known = np.concatenate([rows, added]), np.concatenate([known, weights])
-        return FusedCloud(
-            rows[:, :3],
-            _units(rows[:, 3:6]),
-            self.voxel_size,
-            self.views + 1,
-            True,
-            _units(rows[:, 6:]),
-            known,
-            images,
+        rows = np.concatenate([rows, added])
+        return replace(
+            self,
+            points=rows[:, :3],
+            directions=_units(rows[:, 3:6]),
+            views=self.views + 1,
+            normals=_units(rows[:, 6:]),
+            weights=np.concatenate([known, weights]),
+            images=images,
         )
 
     def _surface_again(
@@ -236,12 +235,9 @@ class FusedCloud(Frozen):
         rows = np.hstack([np.vstack([self.points, at]), np.vstack([self.directions, towards])])
         weights = np.concatenate([self.weights, np.ones(len(at))])
         rows, weights = grouped_means(rows, voxel_keys(rows[:, :3], self.voxel_size), weights)
-        return FusedCloud(
-            np.ascontiguousarray(rows[:, :3]),
-            _units(rows[:, 3:]),
-            self.voxel_size,
-            self.views + 1,
-            weights=weights,
+        views, directions = self.views + 1, _units(rows[:, 3:])
+        return replace(
+            self, points=rows[:, :3], directions=directions, weights=weights, views=views
         )
 
 

@@ -19,7 +19,7 @@ from scipy.ndimage import minimum_filter
 from scipy.sparse import coo_matrix, identity
 from scipy.spatial import cKDTree
 
-from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.camera import project
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
 from feasigrasp.models.compiled import compiled
@@ -126,7 +126,7 @@ class ObservedSpace(Frozen):
         free = self.free.copy()
         # Where something has come, what is behind it was seen before that: it is unknown again.
         count = np.zeros(self.free.shape, dtype=np.int32)
-        np.add.at(count, tuple(self._voxels(surroundings).T), 1)
+        np.add.at(count, tuple(self._voxels(surroundings)[0].T), 1)
         # A voxel that this number of points of one view fall into, though it had been seen to be
         # free, holds something that has come since. Fewer may be noise.
         come = np.argwhere((count >= 4) & self.free)
@@ -154,23 +154,20 @@ class ObservedSpace(Frozen):
         the point and the normal say from which it was come to. The surfaces are given by points
         (n, 3) and unit directions to the camera that saw these.
         """
-        rows = np.hstack([points, directions])[self._inside(points)]
+        rows = np.hstack([points, directions])[self._voxels(points)[1]]
         keys = voxel_keys(rows[:, :3] - self.low + 0.5 * SCENE_VOXEL, SCENE_VOXEL)
         rows, _ = grouped_means(rows, keys, np.ones(len(rows)))
         at = np.ascontiguousarray(rows[:, :3])
         normals = _normals(at, rows[:, 3:], 2.5 * SCENE_VOXEL)
-        found = _spread_kernel(self._voxels(at), at, normals, self.low, SCENE_VOXEL, self.free)
+        found = _spread_kernel(self._voxels(at)[0], at, normals, self.low, SCENE_VOXEL, self.free)
         hidden: Array = self.low + SCENE_VOXEL * found
         return hidden
 
-    def _inside(self, points: Array) -> Mask:
+    def _voxels(self, points: Array) -> tuple[Indices, Mask]:
+        """The voxels (m, 3) of those points (n, 3) that are inside the box, and which these are."""
         index = np.rint((points - self.low) / SCENE_VOXEL)
-        return np.asarray(((index >= 0) & (index < self.free.shape)).all(axis=1))
-
-    def _voxels(self, points: Array) -> NDArray[np.int64]:
-        """The voxels (m, 3) of those points (n, 3) that are inside the box."""
-        index = np.rint((points[self._inside(points)] - self.low) / SCENE_VOXEL)
-        return index.astype(np.int64)
+        inside = ((index >= 0) & (index < self.free.shape)).all(axis=1)
+        return index[inside].astype(np.int64), inside
 
 
 def _normals(points: Array, directions: Array, radius: float) -> Array:

@@ -168,10 +168,6 @@ class ViewImage:
         apart: Array = distance_transform_edt(~self.measured)
         return apart * self.pixel * self.depth
 
-    def in_camera(self, x: Array) -> Array:
-        """Points (n, 3) given in O, in the camera frame."""
-        return np.asarray((x - self.X_OC[:3, 3]) @ self.X_OC[:3, :3])
-
     def project(self, x: Array) -> tuple[Indices, Indices, Array, Mask]:
         """Pixel coordinates of points (n, 3) given in O.
 
@@ -179,7 +175,7 @@ class ViewImage:
             Row and column, at the border for those outside; depth along z [m]; and which are in the
             picture; shape (n,) each.
         """
-        u, v, z = self.in_camera(x).T
+        u, v, z = ((x - self.X_OC[:3, 3]) @ self.X_OC[:3, :3]).T
         scale = np.maximum(z, 1e-6)
         column = np.rint(u / scale / self.pixel + 0.5 * (SIDE - 1)).astype(int)
         row = np.rint(v / scale / self.pixel + 0.5 * (SIDE - 1)).astype(int)

@@ -142,10 +142,6 @@ def in_box(mask_of: list[Mask], camera: Camera, box: Array) -> int | None:
     return int(np.argmax(inside)) if any(inside) else None
 
 
-def _distance(p: Array, group: Indices, components: Components) -> float:
-    return min(float(np.linalg.norm(components.samples[k] - p, axis=1).min()) for k in group)
-
-
 def _to(X: Array, points: Array) -> Array:
     return np.asarray(points @ X[:3, :3].T + X[:3, 3])
 
@@ -255,7 +251,8 @@ def _chosen(components: Components, known: Known, p_WH: Array, camera: Camera) -
             return np.zeros(0, dtype=np.int64)
         groups = moving or groups
     near = pose[:3, 3] if pose is not None and was_seen else p_WH
-    return min(groups, key=lambda group: _distance(near, group, components))
+    apart = [np.linalg.norm(sample - near, axis=1).min() for sample in components.samples]
+    return min(groups, key=lambda group: min(apart[k] for k in group))
 
 
 def _moving(

@@ -72,14 +72,19 @@ def largest_plane(points: Array, thickness: float, draws: int) -> Array:
     rng = np.random.default_rng(0)
     # Points that planes are compared by; the share of a plane is then known to 1 % (one sigma).
     some = rng.permutation(points)[:2500]
+    normals, offsets = _drawn_planes(points, draws, rng)
+    count = (np.abs(some @ normals.T + offsets) <= thickness).sum(axis=0)
+    best = int(np.argmax(np.where(normals.any(axis=1), count, 0)))
+    return _fitted_plane(points[np.abs(points @ normals[best] + offsets[best]) <= thickness])
+
+
+def _drawn_planes(points: Array, draws: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Normals (draws, 3) and offsets of planes through three points each; zero if on a line."""
     a, b, c = points[rng.integers(len(points), size=(3, draws))]
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1)
     normals /= np.where(length > 0.0, length, 1.0)[:, None]
-    offsets = -np.einsum("ni,ni->n", normals, a)
-    count = (np.abs(some @ normals.T + offsets) <= thickness).sum(axis=0)
-    best = int(np.argmax(np.where(length > 0.0, count, 0)))  # not of three points on a line
-    return _fitted_plane(points[np.abs(points @ normals[best] + offsets[best]) <= thickness])
+    return normals, -np.einsum("ni,ni->n", normals, a)
 
 
 def _fitted_plane(points: Array) -> Array:
@@ -99,9 +104,6 @@ def _width(points: Array, normal: Array) -> float:
 #: Points within so much of the plane are the table's [m]; what stands on it starts higher. Source:
 #: guessed.
 _THICKNESS, _STANDS = 0.005, 0.006
-#: Resolution at which bodies are separated, and how near their parts are to each other [m]. Source:
-#: guessed.
-_RESOLUTION, _JOINED = 0.004, 0.02
 #: Fewer points than this of the resolution are no object. Source: guessed.
 _LEAST = 20
 
@@ -168,7 +170,7 @@ def tabletop(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> tuple
 
 def _thinned(cloud: Array) -> tuple[Array, Indices]:
     """Means of the voxels of a cloud, and the voxel of each point."""
-    keys = voxel_keys(cloud, _RESOLUTION)
+    keys = voxel_keys(cloud, 0.004)  # the resolution at which bodies are separated [m]
     thin, _ = grouped_means(cloud, keys, np.ones(len(cloud)))
     return thin, np.unique(keys, return_inverse=True)[1]  # in the order of grouped_means
 
@@ -216,13 +218,13 @@ def _nearest_standing(
 def _standing(thin: Array, plane: Array, viewpoint: Array) -> Indices:
     """The largest body of a graspable size on a plane, and amid it; empty if there is none."""
     # A body that is seen from the side begins this near to the plane that it stands on [m]. From
-    # above its foot is hidden: nothing of a box is seen but its top.
-    foot = 0.02
+    # above its foot is hidden: nothing of a box is seen but its top. Parts of one are so near [m].
+    foot, joined = 0.02, 0.02
     height = thin @ plane[:3] + plane[3]
     above = np.flatnonzero(height > _STANDS)
     if len(above) < _LEAST:
         return above[:0]
-    pairs = cKDTree(thin[above]).query_pairs(_JOINED, output_type="ndarray")
+    pairs = cKDTree(thin[above]).query_pairs(joined, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(above),) * 2)
     _, number = connected_components(links, directed=False)
     for which in np.argsort(-np.bincount(number), kind="stable")[:10]:
@@ -261,11 +263,8 @@ def support_plane(
     if len(around) < _LEAST:
         return None
     some = around[:: -(-len(around) // compared)]
-    a, b, c = some[np.random.default_rng(0).integers(len(some), size=(3, draws))]
-    normals = np.cross(b - a, c - a)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
-    planes = np.column_stack([normals, -np.einsum("ni,ni->n", normals, a)])
-    planes = np.vstack([*(guess[None] for guess in guesses), planes])
+    drawn = np.column_stack(_drawn_planes(some, draws, np.random.default_rng(0)))
+    planes = np.vstack([*guesses, drawn])
     planes *= np.where(planes[:, :3] @ p_WC + planes[:, 3] > 0.0, 1.0, -1.0)[:, None]
     height = body[:: -(-len(body) // 200)] @ planes[:, :3].T + planes[:, 3]
     off = np.full(len(planes), tolerance)

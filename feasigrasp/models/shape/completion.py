@@ -34,23 +34,14 @@ from feasigrasp.models.shape.hidden_side import BackSurface, HiddenSide, load_hi
 from feasigrasp.models.shape.node_sums import cross_covariance
 from feasigrasp.plugins import load_plugin, plugins
 
-# Nodes of the distance field on the unobserved side of an object, where it is estimated.
-#
-# `hidden_side` estimates where the object ends behind each picture. Other pictures contradict
-# that where they look through the place, or see a surface in front of it that is not the far one.
-
-#: Nodes closer to an observed point than this know nothing that it does not [m], nor do those
-#: closer than this multiple of their expected error. Where several pictures look round the object,
-#: they more often see such places themselves than that these are the far side of something thin.
-#: Source: guessed.
-CLEARANCE, DOUBT = 3e-3, 1.0
-CLEARANCE_OF_SEVERAL, DOUBT_OF_SEVERAL = 10e-3, 1.5
-
 
 def hidden_nodes(
     field: Gpdf, images: Sequence[ViewImage], observed: Array, network: HiddenSide, count: int
 ) -> tuple[Array, Array]:
     """Points where the hidden surface probably is, on the far sides of all pictures.
+
+    `hidden_side` estimates where the object ends behind each. Other pictures contradict that where
+    they look through the place, or see a surface in front of it that is not the far one.
 
     Args:
         field: The estimate without the network.
@@ -65,9 +56,11 @@ def hidden_nodes(
     backs = network.back_surfaces(images, field)
     parts = [_of_picture(image, back) for image, back in zip(images, backs, strict=True)]
     points, deviation = (np.concatenate(part) for part in zip(*parts, strict=True))
-    several = len(images) > 1
-    clearance = CLEARANCE_OF_SEVERAL if several else CLEARANCE
-    doubt = DOUBT_OF_SEVERAL if several else DOUBT
+    # Nodes closer to an observed point than this know nothing that it does not [m], nor do those
+    # closer than this multiple of their expected error. Where several pictures look round the
+    # object, they more often see such places themselves than that these are the far side of
+    # something thin. Source: guessed.
+    clearance, doubt = (10e-3, 1.5) if len(images) > 1 else (3e-3, 1.0)
     # Nodes deeper in the free space of a picture than this are impossible [m].
     kept = free_distance(images, points) < 2e-3
     for image, back in zip(images, backs, strict=True):
@@ -227,7 +220,7 @@ def complete_shape(
     points = checked_cloud(cloud.points)
     # s2 of smoothed points.
     smoothed = 1e-3
-    noise_variance = smoothed if noise_variance is None else noise_variance
+    noise_variance = noise_variance or smoothed
     check_fit(length_scale, SURFACE_OFFSET, max_points)
     chosen = farthest_points(points, min(max_points, len(points)))
     surface, normals = points[chosen], cloud.normals[chosen]

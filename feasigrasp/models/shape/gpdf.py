@@ -156,21 +156,20 @@ class Gpdf(Frozen):
         Returns:
             Signed distance (m,) [m], the surface points reached (m, 3), outward normals there.
         """
-        travelled, ends, normals, _ = self._march(x, steps)
-        return travelled, ends, normals
+        return self._march(x, steps)[:3]
 
     @checked(PointCloudError)
-    def surface(self, n: Count = 8, steps: Whole = 5, tolerance: Positive = 1e-3) -> SurfacePoints:
+    def surface(self, n: Count = 8) -> SurfacePoints:
         """The completed surface: an n x n x n grid round the cloud projected onto it.
 
-        The grid fills `search_box`. Grid points that do not reach ``|d| < tolerance`` are dropped,
-        and so is what lies in known free space.
+        The grid fills `search_box`. Grid points that do not reach ``|d| < 1 mm`` in five steps are
+        dropped, and so is what lies in known free space.
         """
         lower, upper = self.search_box
         axes = np.linspace(lower, upper, n)
         grid = np.stack(np.meshgrid(*axes.T, indexing="ij"), axis=-1).reshape(-1, 3)
-        _, points, normals, residual = self._march(grid, steps)
-        kept = np.abs(residual) < tolerance
+        _, points, normals, residual = self._march(grid, 5)
+        kept = np.abs(residual) < 1e-3
         kept[kept] = self.possible(points[kept])
         return SurfacePoints(points[kept], normals[kept], self.variance)
 
@@ -226,7 +225,7 @@ class Gpdf(Frozen):
         poses: Annotated[ArrayLike, ArrayOf(("m", 4, 4), "m", rotation=True)],
         body_points: Annotated[ArrayLike, ArrayOf(("k", 3), "m")],
         far: NotNegative,
-        near: float = 0.0,
+        near: float,
     ) -> tuple[Array, Indices]:
         """Clearance of a rigid body from the completed surface.
 

@@ -89,21 +89,16 @@ def obstacle_grid(scene: SceneField) -> ObstacleGrid:
 
 
 @cached_on_value  # the same field comes along with every tick of the sequencer
-def object_grid(
-    gpdf: Gpdf, *, voxel_size: float = 0.008, max_distance: float = 0.05
-) -> ObstacleGrid:
-    """The grid of where an object's surface may be, in the field's frame.
+def object_grid(gpdf: Gpdf) -> ObstacleGrid:
+    """The grid of where the surface of an object with a distance field may be, in its frame.
 
     Completed surface counts as nearer than it is by half of the deviation that is expected of it,
     as for grasps (`feasigrasp.models.grasps.hand_clearance`). What the camera has looked through is
     free, also where the field fills it, as it fills a bowl: a finger may go there. What no view has
     seen is not, but it may be that nothing is there: `ObstacleGrid.seen` is the grid without it.
-
-    Args:
-        gpdf: Distance field of the object.
-        voxel_size: Edge length of a voxel [m].
-        max_distance: Farther away is far enough; the grid ends there [m].
     """
+    # Edge length of a voxel; farther away than this is far enough, and the grid ends there [m].
+    voxel_size, max_distance = 0.008, 0.05
     surface = np.ascontiguousarray(gpdf.completion.points)
     low = surface.min(axis=0) - max_distance
     cells = np.ceil((np.ptp(surface, axis=0) + 2 * max_distance) / voxel_size).astype(int)

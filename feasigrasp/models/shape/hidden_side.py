@@ -163,7 +163,7 @@ class HiddenSide:
         _FILE.save(filename, {"channels": self.channels}, self._weights)
 
     @classmethod
-    def load(cls, filename: Path = WEIGHTS / "hidden_side.npz") -> Self:
+    def load(cls, filename: Path) -> Self:
         """Reads weights that `save` wrote.
 
         Raises:
@@ -218,4 +218,4 @@ def _doubled(x: Array) -> Array:
 @lru_cache(maxsize=1)
 def load_hidden_side() -> HiddenSide:
     """The network that comes with the package."""
-    return HiddenSide.load()
+    return HiddenSide.load(WEIGHTS / "hidden_side.npz")

@@ -13,9 +13,9 @@ cloud of the surroundings, with three things that a scene needs:
 - What is behind a surface was not seen. Up to ``thickness`` behind it counts as inside.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,20 +31,11 @@ from feasigrasp.models.quantities import POINTS, VIEW, ArrayOf, Bound, NotNegati
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
-#: Edge length of the cubes with a field each [m], and how it is fitted. Source: guessed.
+#: Edge length of the cubes with a field each [m]. Source: guessed.
 _CUBE = 0.25
-_FIT: dict[str, Any] = {
-    "length_scale": 0.1,
-    "noise_variance": 0.0025,
-    "surface_offset": 0.005,
-    "max_points": 320,
-}
 #: Points in a leaf of the look-up tree: of a point far from a plane many are nearly nearest, and
 #: going through them beats going through branches by a factor of two. Source: measured.
 _LEAF = 64
-
-
-_UNOBSERVED = ArrayOf(("k", 3), "m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,17 +48,17 @@ class SceneField(Frozen):
         fields: One distance field per cube; None where the points of the cube are too few for one,
             and stand for themselves.
         resolution: Edge length of a voxel [m].
-        thickness: Depth behind a seen surface that counts as inside [m].
         unobserved: Middles of voxels of `SCENE_VOXEL` that were never seen and may belong to what
             was, shape (k, 3) [m]; no part of the distance, which is that to the observed surface.
+        thickness: Depth behind a seen surface that counts as inside [m].
     """
 
     points: Annotated[Array, POINTS]
     cube: Annotated[Indices, ArrayOf(("n",), dtype=np.int64)]
     fields: tuple[Gpdf | None, ...]
     resolution: Positive
+    unobserved: Annotated[Array, ArrayOf(("k", 3), "m")]
     thickness: NotNegative = 0.05
-    unobserved: Annotated[Array, _UNOBSERVED] = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         check_fields(self, PointCloudError)
@@ -206,12 +197,15 @@ def fit_scene(
     fields: list[Gpdf | None] = []
     for low in (corners - 0.5) * _CUBE:
         inside = ((thin > low - rim) & (thin < low + _CUBE + rim)).all(axis=1)
+        rows, seen_from = thin[inside], directions[inside]
         try:
-            fields.append(fit_gpdf(thin[inside], viewpoint=directions[inside], **_FIT))
+            fields.append(
+                fit_gpdf(rows, viewpoint=seen_from, length_scale=0.1, surface_offset=5e-3)
+            )
         except PointCloudError:  # a handful of points
             fields.append(None)
     cube = cube.reshape(-1).astype(np.int64)
-    return SceneField(thin, cube, tuple(fields), resolution)
+    return SceneField(thin, cube, tuple(fields), resolution, np.zeros((0, 3)))
 
 
 def _along(vectors: Array, normals: Array, length: float) -> Array:

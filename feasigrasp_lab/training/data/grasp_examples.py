@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.network.surface_input import (
-    BEYOND_GRASPS,
     MAX_CHORD,
+    MAX_GRASP,
     SCALARS,
     GraspInput,
     grasp_input,
@@ -79,10 +79,12 @@ def true_input(truth: TrueGrasps, rng: np.random.Generator) -> GraspInput:
     normals = np.asarray(mesh.face_normals[faces[chosen]])
     length, far = truth.cast(points - 1e-5 * normals, -normals)
     # From beyond the opening back: the outermost face, unless that place is inside the object.
-    opening = MAX_CHORD - BEYOND_GRASPS
-    back, outer = truth.cast(points - opening * normals, normals)
-    several = (opening - back > length) & (np.einsum("ij,ij->i", outer, normals) < 0.0)
-    length, far = np.where(several, opening - back, length), np.where(several[:, None], outer, far)
+    back, outer = truth.cast(points - MAX_GRASP * normals, normals)
+    several = (MAX_GRASP - back > length) & (np.einsum("ij,ij->i", outer, normals) < 0.0)
+    length, far = (
+        np.where(several, MAX_GRASP - back, length),
+        np.where(several[:, None], outer, far),
+    )
     # Chords of true surfaces shorter than this are grazing hits [m].
     hit = (length > 1e-3) & (length <= MAX_CHORD)
     confidence = float(predicted_deviation(0.0))

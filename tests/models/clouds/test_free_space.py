@@ -46,7 +46,7 @@ def test_pixels_project_back(image):
     rows, columns = np.nonzero(image.mask)
     points = image.unproject((rows, columns), image.depth[rows, columns])
     assert np.abs(np.linalg.norm(points, axis=1) - RADIUS).mean() < 1e-3
-    np.testing.assert_allclose(image.in_camera(points)[:, 2], image.depth[rows, columns])
+    np.testing.assert_allclose(image.project(points)[2], image.depth[rows, columns])
 
 
 def test_it_is_a_lower_bound_of_the_distance_to_the_ball(image):

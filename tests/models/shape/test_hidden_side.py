@@ -12,8 +12,6 @@ from feasigrasp.models.clouds.view_image import SIDE, view_image
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import (
-    CLEARANCE,
-    CLEARANCE_OF_SEVERAL,
     complete_shape,
     hidden_nodes,
 )
@@ -113,7 +111,7 @@ def test_nodes_keep_off_what_was_observed(image):
     some = everything[everything[:, 0] > 0.0]
     nodes, _ = hidden_nodes(None, [image], some, Ball(), 100)
     apart = np.linalg.norm(nodes[:, None] - some[None], axis=-1).min(axis=1)
-    assert apart.min() > CLEARANCE
+    assert apart.min() > 3e-3
     assert len(nodes) > 10
 
 
@@ -123,7 +121,7 @@ def test_nodes_of_several_pictures_keep_farther_off(image):
     observed = np.concatenate([front(CAMERA), front(side)])
     nodes, _ = hidden_nodes(None, pictures, observed, Ball(), 100)
     apart = np.linalg.norm(nodes[:, None] - observed[None], axis=-1).min(axis=1)
-    assert apart.min() > CLEARANCE_OF_SEVERAL > CLEARANCE
+    assert apart.min() > 10e-3
     assert len(nodes) > 10
 
 

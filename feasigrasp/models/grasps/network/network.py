@@ -12,7 +12,6 @@ It is exactly equivariant: grasps move with the object. It runs without torch; i
 training, is `feasigrasp_lab.networks.ContactNetwork`.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -88,76 +87,6 @@ def array_shapes(
     return shapes | {f"{name}.bias": shape[:1] for name, shape in biased.items()}
 
 
-class FusedContactNetwork:
-    """The trained network as fused kernels in numba.
-
-    Eager torch writes every intermediate result of the whole cloud to memory and reads it back;
-    here contacts go through the network in tiles that stay in the cache. Arrays have channels first
-    and contacts last, so that every loop runs over contiguous contacts. Computes in the precision
-    of its weights, on one thread. For 512 points: 1.3 ms; eager torch 3.9, TorchScript 2.5 ms.
-
-    Args:
-        weights: Its parameters by the names that torch gives them, all float32 or all float64.
-    """
-
-    def __init__(self, weights: Mapping[str, Floats]) -> None:
-        w = {name: np.ascontiguousarray(array) for name, array in weights.items()}
-        refine, vectors = w["refine.mix.weight"], len(w["encode.mix.weight"]) - 1
-        made = {
-            "encode": w["encode.mix.weight"],
-            "refine": np.ascontiguousarray(refine[:, :vectors]),
-            "tilt_beside": np.concatenate([w["tilt.weight"], w["beside.weight"]]),
-            "ring_gates": np.concatenate([w["to_ring.weight"], w["gates.weight"]]),
-            "ring_gates_bias": np.concatenate([w["to_ring.bias"], w["gates.bias"]]),
-        }
-        for name in FusedWeights._fields:
-            if name not in made:
-                layer = name.removesuffix("_bias")
-                made[name] = w[f"{layer}.{'weight' if layer == name else 'bias'}"]
-        self.weights = FusedWeights(**made)
-        self.of_mean = np.ascontiguousarray(refine[:, vectors:])
-        self.tilts = len(w["tilt.weight"])
-
-    def __call__(self, x: ContactFeatures, modes: int) -> tuple[Array, ...]:
-        """What the network says of n contacts.
-
-        Args:
-            x: Their features.
-            modes: Approaches per contact that are kept, M; at most a third of all.
-
-        Returns:
-            In float64: the probability of the contact (n,); closing directions (n, 3); most
-            probable widths and the scales of their Laplace distributions (n,) [m]; approaches (n,
-            M, 3), best first, none beside a better one on the ring, and the probabilities that they
-            are free (n, M).
-        """
-        n, w = len(x.chords), self.weights
-        kind = w.encode.dtype
-        frames = np.empty((3, 3, n), dtype=kind)
-        frames[0], frames[1] = x.axes.T, x.across.T
-        frames[2] = np.cross(x.axes, x.across).T
-        directions = x.room.shape[1]
-        angle = 2.0 * np.pi * np.arange(directions) / directions
-        turns = np.stack([np.cos(angle), np.sin(angle)]).astype(kind)
-        shapes = (1 + 3 * WIDTHS, n), (3, n), (directions, n)
-        outputs = ContactOutputs(*(np.empty(shape, dtype=kind) for shape in shapes))
-        with _threads().limit(limits=1, user_api="blas"):
-            encoded, mean, pooled = cloud_kernel(x.vectors, x.numbers, w)
-            context = w.context @ pooled + w.context_bias + w.second_bias
-            shift = mean @ self.of_mean.T
-            cloud = EncodedCloud(encoded, shift, x.numbers, x.room, frames, turns, context)
-            contacts_kernel(cloud, w, self.tilts, outputs)
-        closing, width, spread = np.empty((n, 3)), np.empty(n), np.empty(n)
-        approach, score = np.empty((n, modes, 3)), np.empty((n, modes))
-        grasps = (closing, width, spread, approach, score)
-        grasps_kernel(x.chords, frames, turns, outputs, grasps)
-        contact, score = (
-            1.0 / (1.0 + np.exp(-logit)) for logit in (outputs.head[0].astype(float), score)
-        )
-        spread = LEAST_SPREAD + SPREAD * np.logaddexp(0.0, spread)
-        return contact, closing, width, spread, approach, score
-
-
 @lru_cache(maxsize=1)
 def _threads() -> ThreadpoolController:
     return ThreadpoolController()
@@ -191,11 +120,16 @@ class GraspProposals(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class GraspNetwork(Frozen):
-    """A grasp network, ready to propose.
+    """A grasp network, ready to propose, as fused kernels in numba.
+
+    Eager torch writes every intermediate result of the whole cloud to memory and reads it back;
+    here contacts go through the network in tiles that stay in the cache. Arrays have channels first
+    and contacts last, so that every loop runs over contiguous contacts. Computes in the precision
+    of its weights, on one thread. For 512 points: 1.3 ms; eager torch 3.9, TorchScript 2.5 ms.
 
     Attributes:
         sizes: Of its layers.
-        weights: Its arrays, by the names that torch gives them.
+        weights: Its arrays, by the names that torch gives them, all float32 or all float64.
         gripper: The hand whose room is measured round each contact.
     """
 
@@ -242,13 +176,51 @@ class GraspNetwork(Frozen):
 
     def propose_at(self, features: ContactFeatures) -> GraspProposals:
         """As `propose`, from features in the precision of the network's weights."""
-        contact, closing, width, spread, approach, score = self._fused(features, MODES)
-        width = with_room(width, np.sqrt(2.0) * spread, self.gripper.max_opening)
-        return GraspProposals(contact, closing, width, np.sqrt(2.0) * spread, approach, score)
+        x, (w, of_mean) = features, self._fused
+        n, kind = len(x.chords), w.encode.dtype
+        frames = np.empty((3, 3, n), dtype=kind)
+        frames[0], frames[1] = x.axes.T, x.across.T
+        frames[2] = np.cross(x.axes, x.across).T
+        directions = x.room.shape[1]
+        angle = 2.0 * np.pi * np.arange(directions) / directions
+        turns = np.stack([np.cos(angle), np.sin(angle)]).astype(kind)
+        shapes = (1 + 3 * WIDTHS, n), (3, n), (directions, n)
+        outputs = ContactOutputs(*(np.empty(shape, dtype=kind) for shape in shapes))
+        with _threads().limit(limits=1, user_api="blas"):
+            encoded, mean, pooled = cloud_kernel(x.vectors, x.numbers, w)
+            context = w.context @ pooled + w.context_bias + w.second_bias
+            shift = mean @ of_mean.T
+            cloud = EncodedCloud(encoded, shift, x.numbers, x.room, frames, turns, context)
+            contacts_kernel(cloud, w, TILTS, outputs)
+        closing, width, spread = np.empty((n, 3)), np.empty(n), np.empty(n)
+        approach, score = np.empty((n, MODES, 3)), np.empty((n, MODES))
+        grasps = (closing, width, spread, approach, score)
+        grasps_kernel(x.chords, frames, turns, outputs, grasps)
+        contact, score = (
+            1.0 / (1.0 + np.exp(-logit)) for logit in (outputs.head[0].astype(float), score)
+        )
+        # Of a Laplace distribution, whose scale the network gives.
+        deviation = np.sqrt(2.0) * (LEAST_SPREAD + SPREAD * np.logaddexp(0.0, spread))
+        width = with_room(width, deviation, self.gripper.max_opening)
+        return GraspProposals(contact, closing, width, deviation, approach, score)
 
     @cached_property
-    def _fused(self) -> FusedContactNetwork:
-        return FusedContactNetwork(self.weights)
+    def _fused(self) -> tuple[FusedWeights, Floats]:
+        """The weights as the kernels take them, and those of the mean in the refining layer."""
+        w = {name: np.ascontiguousarray(array) for name, array in self.weights.items()}
+        refine, vectors = w["refine.mix.weight"], len(w["encode.mix.weight"]) - 1
+        made = {
+            "encode": w["encode.mix.weight"],
+            "refine": np.ascontiguousarray(refine[:, :vectors]),
+            "tilt_beside": np.concatenate([w["tilt.weight"], w["beside.weight"]]),
+            "ring_gates": np.concatenate([w["to_ring.weight"], w["gates.weight"]]),
+            "ring_gates_bias": np.concatenate([w["to_ring.bias"], w["gates.bias"]]),
+        }
+        for name in FusedWeights._fields:
+            if name not in made:
+                layer = name.removesuffix("_bias")
+                made[name] = w[f"{layer}.{'weight' if layer == name else 'bias'}"]
+        return FusedWeights(**made), np.ascontiguousarray(refine[:, vectors:])
 
 
 def with_room(width: Array, deviation: Array, opening: float) -> Array:

@@ -176,13 +176,11 @@ def chords(
 #: Names of the invariant features of a point, in the order of `GraspInput.scalars`.
 SCALARS = ("deviation", "chord", "chord_cosine", "chord_deviation")
 _ROWS = ArrayOf(("n", 3), dtype=np.float32)
-#: Chords are followed this far beyond the opening of the hand [m]. Source: guessed.
-BEYOND_OPENING = 0.02
-#: Chords to an outermost face are shorter than the longest by at least this: what fits between the
-#: pads with a little room [m]. Source: guessed.
-BEYOND_GRASPS = BEYOND_OPENING + 0.004
-#: Longest chord that is handed on, for the default hand [m].
-MAX_CHORD = ParallelGripper().max_opening + BEYOND_OPENING
+#: Longest chord that is handed on, for the default hand [m]. Source: guessed.
+MAX_CHORD = ParallelGripper().max_opening + 0.02
+#: Longest chord to an outermost face: what fits between the pads with a little room [m]. Source:
+#: guessed.
+MAX_GRASP = MAX_CHORD - 0.024
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,13 +211,12 @@ class GraspInput(Frozen):
         return len(self.points)
 
 
-def grasp_input(field: Gpdf, n_points: int, max_chord: float = MAX_CHORD) -> GraspInput:
+def grasp_input(field: Gpdf, n_points: int) -> GraspInput:
     """An even choice of points on a completed surface, with normals and invariant features.
 
     Args:
         field: The distance field, in O.
         n_points: Points wanted. A small object seen once may have fewer.
-        max_chord: Longest chord that is followed [m].
 
     Returns:
         The input, in O; the same field gives the same points.
@@ -234,13 +231,9 @@ def grasp_input(field: Gpdf, n_points: int, max_chord: float = MAX_CHORD) -> Gra
     points, normals = np.ascontiguousarray(points[chosen]), normals[chosen]
     observed = np.flatnonzero(smoothed[chosen])
     normals[observed] = _combined(field.normals(points[observed]), normals[observed])
+    from_center = points - field.center
     length, ends, end_normals = chords(
-        field.tiles,
-        field.length_scale,
-        points - field.center,
-        normals,
-        max_chord,
-        max_chord - BEYOND_GRASPS,
+        field.tiles, field.length_scale, from_center, normals, MAX_CHORD, MAX_GRASP
     )
     hit = length > 0.0
     scalars = np.zeros((len(points), len(SCALARS)))

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from feasigrasp.errors import GraspError
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.grasps.network import surface_input
 from feasigrasp.models.grasps.network.surface_input import (
     MAX_CHORD,
     SCALARS,
@@ -107,8 +108,9 @@ def test_chord_through_two_walls(apart, chord):
     assert np.median(made.scalars[outer, CHORD]) == pytest.approx(chord, abs=0.0015)
 
 
-def test_no_chord_beyond_reach(ball):
-    made = grasp_input(ball, 64, max_chord=0.04)
+def test_no_chord_beyond_reach(ball, monkeypatch):
+    monkeypatch.setattr(surface_input, "MAX_CHORD", 0.04)
+    made = grasp_input(ball, 64)
     assert (made.scalars[:, CHORD] == 0.0).mean() > 0.9
     none = made.scalars[:, CHORD] == 0.0
     assert (made.scalars[none][:, [COSINE, FAR]] == 0.0).all()
