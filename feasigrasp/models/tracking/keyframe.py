@@ -4,23 +4,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.tracking.registration import Registration
 from feasigrasp.models.tracking.view import ObjectView
 
-#: A side this far from all observed ones [rad], or a view of which such a share is new, is taken as
-#: soon as these allow it: once nothing that is known is in the image any more, it is too late.
-#: Source: guessed.
-_OTHER_SIDE, _NEW_PART = np.deg2rad(30.0), 0.25
-#: Time between keyframes at least [s]; views of one side that suffice; when it is looked at again.
-#: Source: guessed.
-KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
-#: Points so near to the border of an image are where it cuts the object off, until an image shows a
-#: margin of this width around them [px]; numbers kept of an image, and of all. Source: guessed.
-_AT_BORDER, _SEEN_PAST = 4.0, 12.0
-_CUT_POINTS, _MOST_CUT = 60, 600
+#: A side this far from all observed ones [rad] is taken as soon as possible: once nothing that is
+#: known is in the image any more, it is too late. Source: guessed.
+_OTHER_SIDE = np.deg2rad(30.0)
+#: Time between keyframes at least [s]; views of one side that suffice. Source: guessed.
+KEY_PERIOD, KEY_VIEWS = 0.09, 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +43,6 @@ def keyframe_of(
     X_WO: Array,
     time: float,
     deviation: float = 0.0,
-    *,
     begun_at: float = -np.inf,
 ) -> Keyframe:
     """A view of an object at X_WO (4, 4) as a `Keyframe`.
@@ -80,9 +73,11 @@ def is_worth_merging(key: Keyframe, found: Registration, last: float, views: Vie
         last: Time of the last keyframe [s], at least `KEY_PERIOD` ago.
         views: From where the merged views were taken.
     """
-    # Views of a side after which its keyframes are fewer, and the time between these [s].
-    known_side, known_period = 3, 0.4
-    new_part = found.new > _NEW_PART
+    # Views of a side after which its keyframes are fewer, the time between these, and that after
+    # which it is looked at again [s].
+    known_side, known_period, revisit = 3, 0.4, 5.0
+    # A view of which so much is new is taken as one of another side is.
+    new_part = found.new > 0.25
     other = new_part or views.turned(key.p_OC) > _OTHER_SIDE
     # A keyframe of another side, or of a known one: least share of the known surface that it shows,
     # least share of its points on the model, and largest standard deviation of its surface [m]; of
@@ -91,33 +86,35 @@ def is_worth_merging(key: Keyframe, found: Registration, last: float, views: Vie
     reliable = found.inliers > inliers and found.beside < 0.1
     if not (reliable and found.in_view > in_view and key.deviation < deviation):
         return False
-    if new_part or views.adds_information(key.p_OC, key.time, known_side, _KEY_REVISIT):
+    if new_part or views.adds_information(key.p_OC, key.time, known_side, revisit):
         return True
     late = key.time >= last + known_period
-    return late and views.adds_information(key.p_OC, key.time, KEY_VIEWS, _KEY_REVISIT)
+    return late and views.adds_information(key.p_OC, key.time, KEY_VIEWS, revisit)
 
 
 def is_cut(view: ObjectView) -> bool:
     """Whether an image ends within the object."""
-    return bool(np.any(view.camera.to_border(view.points_C) < _AT_BORDER))
+    return bool(_at_border(view).any())
 
 
 def cut_off(known: Array, view: ObjectView, X_WO: Array) -> Array:
-    """Mask of merged surface cut off by an image border, after one more view.
+    """Points (l, 3) of the surface that image borders cut off, after one more view.
 
-    Args:
-        known: Such points before it, in O, shape (k, 3) [m].
-        view: The view.
-        X_WO: Pose of the object in it, shape (4, 4).
-
-    Returns:
-        Points in O, shape (l, 3) [m].
+    Of such points before it, shape (k, 3), and the object's pose X_WO (4, 4) in it; all points are
+    in O [m].
     """
     known_W = known @ X_WO[:3, :3].T + X_WO[:3, 3]
-    known = known[view.camera.to_border(view.in_camera(known_W)) < _SEEN_PAST]
-    found = _in_object(X_WO, view.points_W[view.camera.to_border(view.points_C) < _AT_BORDER])
-    some = found[:: max(1, -(-len(found) // _CUT_POINTS))]
-    return np.concatenate([known, some])[-_MOST_CUT:]
+    # They are cut off until an image shows a margin of this width around them [px].
+    known = known[view.camera.to_border(view.in_camera(known_W)) < 12.0]
+    found = _in_object(X_WO, view.points_W[_at_border(view)])
+    # Numbers of points that are kept of an image, and of all.
+    some = found[:: max(1, -(-len(found) // 60))]
+    return np.concatenate([known, some])[-600:]
+
+
+def _at_border(view: ObjectView) -> Mask:
+    """Mask of points so near to the border of an image that it cuts the object off there."""
+    return np.asarray(view.camera.to_border(view.points_C) < 4.0)
 
 
 def _in_object(X_WO: Array, points_W: Array) -> Array:

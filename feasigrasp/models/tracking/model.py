@@ -43,9 +43,7 @@ def jacobian(lever: Array, normals: Array) -> Array:
     return np.stack([z * b - y * c, x * c - z * a, y * a - x * b, -a, -b, -c], axis=1)
 
 
-def without_noise(
-    J: Array, weights: Array, lever: Array, noise: float = NOISE_SHARE
-) -> tuple[Array, Array]:
+def without_noise(J: Array, weights: Array, lever: Array, noise: float) -> tuple[Array, Array]:
     """The information of weighted rows, less what noise alone would bring.
 
     Args:
@@ -178,8 +176,7 @@ class TrackedModel(Frozen):
 
     def placed(self, R_WO: Array) -> tuple[Array, Array]:
         """The probes from the origin of O, and their normals, in the axes of the world."""
-        points, normals = self.probes
-        return points @ R_WO.T, normals @ R_WO.T
+        return self.probes[0] @ R_WO.T, self.probes[1] @ R_WO.T
 
     def distance(self, x: Array) -> tuple[Array, Array]:
         """Distance of points (n, 3) from the surface (n,) [m] and unit gradients (n, 3).

@@ -16,9 +16,8 @@ from feasigrasp.models.tracking.view import ObjectView
 #: farther off than 63 degrees. Source: guessed.
 _NEARBY = np.vstack([np.zeros(3), *(t * np.eye(3) for t in (0.4, -0.4, 0.8, -0.8))])
 _ALL_ROUND = Rotation.create_group("O")
-#: Points of the coarse search; a point counts for it by half at this distance from the
-#: surface [m]. Source: guessed.
-_COARSE, _HALF = 150, 0.006
+#: Points of the coarse search. Source: guessed.
+_COARSE = 150
 #: What the place is known to be worth after a gap, beside what the filter says [rad, m]; and after
 #: a long one, in which the object may have turned to any side. Source: guessed.
 SEARCH_SPREAD, ANY_ORIENTATION_SPREAD = (0.3, 0.05), (1.5, 0.1)
@@ -37,11 +36,10 @@ def registered(
     # Beyond such a step of the center of what is visible a registration may be out of reach [m].
     large = 0.008
     found = register(model, view, X_WO, covariance)
-    lever, normals_W = model.placed(X_WO[:3, :3])
-    facing = _facing(view, lever + X_WO[:3, 3], normals_W)
-    if is_found(found) or is_cut(view) or not facing.any():
+    facing = _facing(view, X_WO, *model.probes)
+    if is_found(found) or is_cut(view) or len(facing) == 0:
         return found
-    step = view.points_W.mean(axis=0) - lever[facing].mean(axis=0) - X_WO[:3, 3]
+    step = view.points_W.mean(axis=0) - facing.mean(axis=0) - X_WO[:3, 3]
     if np.linalg.norm(step) <= large:
         return found
     start = se3.make_pose(X_WO[:3, :3], X_WO[:3, 3] + step)
@@ -95,11 +93,12 @@ def _fit(model: TrackedModel, view: ObjectView, X_WO: Array) -> float:
     """How well a pose fits the image as it is: points on the surface, less surface beside them."""
     points = view.points_W[:: -(-len(view.points_W) // _COARSE)]
     distance, _ = model.distance((points - X_WO[:3, 3]) @ X_WO[:3, :3])
-    lever, normals_W = model.placed(X_WO[:3, :3])
-    facing = _facing(view, lever + X_WO[:3, 3], normals_W)
-    found, _ = view.beside(view.in_camera(lever[facing] + X_WO[:3, 3]))
+    facing = _facing(view, X_WO, *model.probes)
+    found, _ = view.beside(view.in_camera(facing + X_WO[:3, 3]))
     beside = float(found.mean()) if len(found) else 0.0
-    return float(np.mean(1.0 / (1.0 + (distance / _HALF) ** 2))) - _BESIDE * beside
+    # A point counts by half at this distance from the surface [m].
+    half = 0.006
+    return float(np.mean(1.0 / (1.0 + (distance / half) ** 2))) - _BESIDE * beside
 
 
 def _starts(model: TrackedModel, view: ObjectView, X_WO: Array, turns: Array) -> Iterator[Array]:
@@ -108,14 +107,14 @@ def _starts(model: TrackedModel, view: ObjectView, X_WO: Array, turns: Array) ->
     surface = model.gpdf.completion  # the visible side may be a new one
     for turn in turns:
         X = se3.make_pose(se3.so3_exp(turn) @ X_WO[:3, :3], X_WO[:3, 3])
-        R = X[:3, :3]
-        lever = surface.points @ R.T
-        facing = _facing(view, lever + X[:3, 3], surface.normals @ R.T)
-        seen = lever[facing] if facing.any() else lever
+        facing = _facing(view, X, surface.points, surface.normals)
+        seen = facing if len(facing) else surface.points @ X[:3, :3].T
         X[:3, 3] = view.points_W.mean(axis=0) - seen.mean(axis=0)
         yield X
 
 
-def _facing(view: ObjectView, points_W: Array, normals_W: Array) -> Array:
-    towards = view.X_WC[:3, 3] - points_W
-    return np.asarray(np.einsum("ij,ij->i", towards, normals_W) > 0.0)
+def _facing(view: ObjectView, X_WO: Array, points: Array, normals: Array) -> Array:
+    """Points in O that face the camera, from its origin, in the axes of the world (k, 3)."""
+    lever, normals_W = points @ X_WO[:3, :3].T, normals @ X_WO[:3, :3].T
+    towards = view.X_WC[:3, 3] - (lever + X_WO[:3, 3])
+    return np.asarray(lever[np.einsum("ij,ij->i", towards, normals_W) > 0.0])

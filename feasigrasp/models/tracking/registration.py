@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.tracking.model import TrackedModel, jacobian, without_noise
 from feasigrasp.models.tracking.twist_filter import moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
@@ -36,10 +36,6 @@ from feasigrasp.models.tracking.view import ObjectView
 #: Errors of neighbouring pixels and model points correlate: this number counts as one. Source:
 #: guessed.
 CORRELATED = 20.0
-#: A residual below this, or this number of standard deviations, is an inlier's [m]. Source:
-#: guessed.
-_INLIER, _INLIER_SIGMAS = 3e-3, 3.0
-_STEPS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +93,10 @@ def register(
         start: Where the search starts, if not there, shape (4, 4).
         points: Points of the image that are used, at most; they are spread over it.
     """
-    # At the start of the search they are allowed to be so large [m], at most.
-    widest = 0.012
+    # Steps of the search; residuals are allowed to be so large at its start [m], at most.
+    steps, widest = 6, 0.012
+    # A residual below this [m], or this number of standard deviations, is an inlier's.
+    least_inlier, sigmas = 3e-3, 3.0
     # A point this near to an observed one is on observed surface [m]; beyond, the surface is a
     # guess that errs by this share of the distance.
     observed_within, guess_share = 4e-3, 0.5
@@ -113,21 +111,22 @@ def register(
     if start is None:
         wide = min(widest, 3.0 * float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0)) + 2e-3)
     gap, nearest = model.tree.query((x - X[:3, 3]) @ X[:3, :3])
-    for step in range(_STEPS + 1):
+    for step in range(steps + 1):
         rotation, center = X[:3, :3], X[:3, 3]
         lever = x - center
         local = lever @ rotation
-        if step < _STEPS and step % 3 == 2:
+        if step < steps and step % 3 == 2:
             gap, nearest = model.tree.query(local)
         distance, normals = model.distance(local)
         at_end = model.open_ends[nearest]
         guess = (guess_share * np.maximum(gap - observed_within, 0.0)) ** 2
         variance = sensor + guess
-        inlier = np.abs(distance) < np.maximum(_INLIER, _INLIER_SIGMAS * np.sqrt(sensor))
+        inlier = np.abs(distance) < np.maximum(least_inlier, sigmas * np.sqrt(sensor))
         scale = wide * 0.5**step
         weight = np.where(at_end, 0.0, _robust(distance, variance, scale))
-        on_plane = _on_plane(model, gap, nearest, normals) & ~at_end
         planes = model.normals[nearest]
+        # A tangent plane is one for points so near [m] whose field has the same normal (cosine).
+        on_plane = (np.einsum("ij,ij->i", normals, planes) > 0.8) & (gap < 5e-3) & ~at_end
         offset = np.einsum("ij,ij->i", local - model.points[nearest], planes)
         plane_weight = np.where(on_plane, _robust(offset, variance, scale), 0.0)
         # Both together count as one.
@@ -148,7 +147,7 @@ def register(
         information, gradient = share * information, share * gradient
         information = information + rim_rows.T @ (rim_weights[:, None] * rim_rows)
         gradient = gradient + rim_rows.T @ (rim_weights * rim_residuals)
-        if step == _STEPS:
+        if step == steps:
             break
         # The prior's gradient: errors are small enough to add up as vectors.
         gradient = gradient + prior @ pose_error(X_WO, X)
@@ -158,7 +157,7 @@ def register(
         if scale < 1e-3 and np.abs(change).max() < 1e-4:
             break
     # One this far from any is new, beyond what the sensor's noise explains [m].
-    known = inlier | ~at_end & (gap < 1e-2 + _INLIER_SIGMAS * np.sqrt(sensor))
+    known = inlier | ~at_end & (gap < 1e-2 + sigmas * np.sqrt(sensor))
     new = float(1.0 - known.mean())
     inliers = float(inlier[known].mean()) if known.any() else 0.0
     return Registration(X, information, inliers, new=new, **shown)
@@ -169,13 +168,6 @@ def _robust(residual: Array, variance: Array, scale: float) -> Array:
     # Residuals beyond this number of standard deviations count less.
     limit = np.maximum(3.0**2 * variance, scale**2)
     return np.asarray(1.0 / (variance * (1.0 + residual**2 / limit) ** 2))
-
-
-def _on_plane(model: TrackedModel, gap: Array, nearest: Array, normals: Array) -> Mask:
-    # A tangent plane is one for points so near [m] whose field has the same normal (cosine).
-    plane, same_side = 5e-3, 0.8
-    same = np.einsum("ij,ij->i", normals, model.normals[nearest]) > same_side
-    return np.asarray(same & (gap < plane))
 
 
 def _silhouette(
@@ -220,10 +212,8 @@ def _silhouette(
     return rows, weights, -excess, result
 
 
-#: Where less than this share of the known, facing surface is in the image, this share of points
-#: must be on the model; where hardly any is, the observed side is new, and its observed part says
-#: nothing. Source: guessed.
-_LITTLE, _INLIERS_OF_LITTLE, _NEW_SIDE = 0.25, 0.7, 0.02
+#: Less of the known, facing surface in an image than this share is little. Source: guessed.
+_LITTLE = 0.25
 #: Less of the known surface than this faces a camera that sees another side. Source: guessed.
 _LEAST_FACING = 0.03
 
@@ -235,13 +225,16 @@ def is_accepted(found: Registration) -> bool:
     # and, at most, of the facing model that projects beside the object. How much it then says is
     # left to the information: little of the object determines little.
     least_inside, least_inliers, least_covered, most_beside = 0.05, 0.6, 0.5, 0.35
+    # Where little is in the image, more of the points must be on the model; where hardly any is,
+    # the observed side is new, and its observed part says nothing.
+    least_inliers_of_little, new_side = 0.7, 0.02
     little = found.in_view < _LITTLE
     # Points of a new side need not be on the model; this share of all is at least.
     return (
         found.inside >= least_inside
-        and found.inliers >= (_INLIERS_OF_LITTLE if little else least_inliers)
+        and found.inliers >= (least_inliers_of_little if little else least_inliers)
         and found.on_model >= 0.45
-        and (found.covered >= least_covered or found.in_view < _NEW_SIDE)
+        and (found.covered >= least_covered or found.in_view < new_side)
         and found.beside <= most_beside
     )
 

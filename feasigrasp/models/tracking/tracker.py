@@ -49,17 +49,10 @@ from feasigrasp.models.tracking.registration import (
 from feasigrasp.models.tracking.twist_filter import JERK, TwistFilter, moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
 
-#: Least points of a first view, and of any other: 2.3 cm at 0.5 m show 70. Source: measured.
-FIRST_POINTS, _LEAST_POINTS = 60, 30
-#: After such a gap little in the image is not enough, and any turn is tried [s]; a pose this far
-#: from the expected one is asked for as much as one that was searched for [m]. Source: guessed.
-_LONG_GAP, _LARGE_STEP = 1.0, 0.01
-#: Points after which a path is known; out of sight an object is expected on it, slowing down
-#: over this time [s]: a path that is wrong must not carry the hand off. Its twist there is taken
-#: over this [s]. Source: guessed.
-_KNOWN_PATH, _SLOWING, _STEP = 12, 2.0, 1e-3
-
-
+#: Least points of a first view: 2.3 cm at 0.5 m show 70. Source: measured.
+FIRST_POINTS = 60
+#: After such a gap little in the image is not enough, and any turn is tried [s]. Source: guessed.
+_LONG_GAP = 1.0
 _STATE = ArrayOf(empty_state().shape, finite=False)
 
 
@@ -175,7 +168,8 @@ def track(
     gap = time - before.measured_at
     coasting = gap > COASTING_AFTER
     expected = estimate.predicted(time, coasting=coasting)
-    if coasting and parts(before.measured_motion).stored[0] >= _KNOWN_PATH:
+    # So many points of a path make it known: out of sight an object is expected on it.
+    if coasting and parts(before.measured_motion).stored[0] >= 12:
         expected = expected.gone_on(*_along_its_path(before, last, gap))
     if held and X_WC_before is not None:
         expected = expected.carried(estimate, view.X_WC @ se3.inverse(X_WC_before) @ estimate.X_WO)
@@ -213,9 +207,12 @@ def track(
 def _along_its_path(before: FieldTrack, last: TwistFilter, gap: float) -> tuple[Array, Array]:
     """Pose and twist of an object that was last seen ``gap`` [s] ago; it slows down on its path."""
     motion = MotionEstimate(before.measured_motion, last.time, last.X_WO)
-    way = _SLOWING * (1.0 - np.exp(-gap / _SLOWING))
-    X, after = future_poses(motion, last.X_WO, last.V_WO, [way, way + _STEP])
-    return X, np.exp(-gap / _SLOWING) / _STEP * pose_error(X, after)
+    # Time over which it slows down: a path that is wrong must not carry the hand off. Time over
+    # which its twist there is taken [s].
+    slowing, step = 2.0, 1e-3
+    way = slowing * (1.0 - np.exp(-gap / slowing))
+    X, after = future_poses(motion, last.X_WO, last.V_WO, [way, way + step])
+    return X, np.exp(-gap / slowing) / step * pose_error(X, after)
 
 
 def _by_middle(before: FieldTrack, view: ObjectView) -> FieldTrack:
@@ -276,12 +273,15 @@ def _located(
     # After so long without a pose the object is searched for from several starts, and again so much
     # later [s].
     search_after, search_period = 0.25, 0.2
+    # Least points of a view; a pose this far from the expected one is asked for as much as one that
+    # was searched for [m].
+    least_points, large_step = 30, 0.01
     model, expected, last = before.model, before.estimate, before.measured
-    if model is None or expected is None or last is None or len(view.points_W) < _LEAST_POINTS:
+    if model is None or expected is None or last is None or len(view.points_W) < least_points:
         return before, None
     time = before.image_time
     found = registered(model, view, expected.X_WO, expected.pose_covariance)
-    near = np.linalg.norm(found.X_WO[:3, 3] - expected.X_WO[:3, 3]) <= _LARGE_STEP
+    near = np.linalg.norm(found.X_WO[:3, 3] - expected.X_WO[:3, 3]) <= large_step
     good = is_accepted(found) if near else is_found(found)
     good = good and (gap < _LONG_GAP or shows_model(found))
     may_search = gap > search_after and time >= before.searched_at + search_period
@@ -289,12 +289,8 @@ def _located(
         before = replace(before, searched_at=time)
         # Where it is expected, and where it is if it has gone on as it went.
         any_orientation = round(1e3 * abs(time)) if gap > _LONG_GAP else None
-        spread = np.diag(
-            np.square(
-                np.repeat(SEARCH_SPREAD if any_orientation is None else ANY_ORIENTATION_SPREAD, 3)
-            )
-        )
-        wide, on = expected.widened(spread), last.pose(time)
+        sigma = SEARCH_SPREAD if any_orientation is None else ANY_ORIENTATION_SPREAD
+        wide, on = expected.widened(np.diag(np.square(np.repeat(sigma, 3)))), last.pose(time)
         found = reacquire(
             model, view, (wide.X_WO, on), wide.pose_covariance, any_orientation=any_orientation
         )

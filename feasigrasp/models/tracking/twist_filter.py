@@ -34,10 +34,9 @@ from feasigrasp.models.geometry import se3
 #: How quickly the angular velocity changes [rad/s in 1 s], and while nothing is measured the
 #: velocity [m/s in 1 s]: square root of a density. Source: guessed.
 _TWIST_NOISE = 0.1
-#: What is known before the first image: standard deviations of the twist [rad/s, m/s] and the
-#: acceleration [m/s^2]. Source: guessed.
-TWIST_PRIOR, _ACCELERATION_PRIOR = (0.5, 0.4), 1.5
-_MOTION_PRIOR = np.repeat([*TWIST_PRIOR, _ACCELERATION_PRIOR], 3)
+#: What is known before the first image: standard deviation of the acceleration [m/s^2]. Source:
+#: guessed.
+_ACCELERATION_PRIOR = 1.5
 #: A twist that is not measured dies away over this time [s]. Source: guessed.
 DECAY = 0.6
 #: Time constant of the acceleration along the way [s], and how quickly an acceleration changes
@@ -75,8 +74,9 @@ class TwistFilter(Frozen):
     @classmethod
     def at_rest(cls, time: float, X_WO: Array) -> TwistFilter:
         """Estimate at rest, with a given pose and unknown motion."""
-        # The first image defines the frame; what is left is rounding [rad, m].
-        sigma = np.concatenate([np.repeat((1e-3, 1e-4), 3), _MOTION_PRIOR])
+        # The first image defines the frame, what is left is rounding [rad, m]; the twist may be
+        # any of this size [rad/s, m/s].
+        sigma = np.repeat((1e-3, 1e-4, 0.5, 0.4, _ACCELERATION_PRIOR), 3)
         return cls(time, X_WO, np.zeros(6), np.zeros(3), np.diag(sigma**2))
 
     @property

@@ -10,6 +10,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.tracking.keyframe import is_worth_merging, keyframe_of
 from feasigrasp.models.tracking.model import (
+    NOISE_SHARE,
     TrackedModel,
     jacobian,
     surface_deviation,
@@ -148,9 +149,10 @@ def test_information_less_noise_does_not_depend_on_the_axes():
     lever, normals = rng.normal(size=(2, 40, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     weights = rng.random(40) + 0.1
-    information, projection = without_noise(jacobian(lever, normals), weights, lever)
+    information, projection = without_noise(jacobian(lever, normals), weights, lever, NOISE_SHARE)
     R = se3.so3_exp(rng.normal(size=3))
-    turned, _ = without_noise(jacobian(lever @ R.T, normals @ R.T), weights, lever @ R.T)
+    rows = jacobian(lever @ R.T, normals @ R.T)
+    turned, _ = without_noise(rows, weights, lever @ R.T, NOISE_SHARE)
     both = np.kron(np.eye(2), R)
     assert np.allclose(turned, both @ information @ both.T)
     # Enough directions are seen: nearly all of it is believed.
