@@ -17,7 +17,7 @@ from feasigrasp.errors import GraspError, PointCloudError
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.grasps import success_probability
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
-from feasigrasp.models.grasps.filter import COSINE_STEPS, contact_cosine
+from feasigrasp.models.grasps.filter import COSINE_STEPS, contact_state
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.hand_clearance import (
     HOPEFUL,
@@ -94,7 +94,7 @@ def object_cases(family: str, number: int) -> Cases:
     evidence = np.column_stack([success_probability.odds(thin.score), deviations])
     cases["THIN_CONTACT"] = evidence, truth.truly_antipodal(thin.X_OG, gripper.max_opening)
 
-    clearance, deviation = hand_clearance(field, X_OG, gripper, MARGIN)
+    clearance, deviation = hand_clearance(field, X_OG, gripper)
     free = clearance >= MARGIN + MARGIN_GROWTH * deviation
     verdict = truth.hand_free(X_OG, gripper)
     evidence = np.column_stack(
@@ -116,7 +116,8 @@ def object_cases(family: str, number: int) -> Cases:
 def _opposing(field: Gpdf, grasps: GraspSet) -> GraspSet:
     """The grasps whose contacts oppose each other on the field, by its own estimate."""
     known = np.flatnonzero(grasps.width >= THIN_WALL)
-    return grasps.select(known[contact_cosine(field, grasps.select(known)) <= max(COSINE_STEPS)])
+    _, cosine = contact_state(field, grasps.select(known))
+    return grasps.select(known[cosine <= max(COSINE_STEPS)])
 
 
 def fit(evidence: Array, verdict: Mask) -> tuple[tuple[float, ...], float]:

@@ -56,10 +56,8 @@ def outliers(points: Array, p_OC: ArrayLike | None = None) -> Mask:
 def least_smear(depth: Array, pitch: ArrayLike, noise: float) -> Array:
     """Difference of depth to both neighbours from which on pixels are between two surfaces [m].
 
-    Args:
-        depth: Depths, of any shape [m].
-        pitch: Width of their pixels in the plane z = 1, of that shape or a number.
-        noise: See `Camera.depth_noise` [1/m].
+    Of depths of any shape [m], the width of their pixels in the plane z = 1, of that shape or a
+    number, and the noise `Camera.depth_noise` [1/m].
     """
     # A stereo camera matches nothing at this angle of incidence and more (tan 78 degrees), and
     # smears from one surface to the next; standard deviations of a depth that are noise.

@@ -60,13 +60,9 @@ def grown_mask(points: NDArray[np.floating], mask: Mask, free: Mask, jump: float
     """A mask of too few pixels, grown along the surface that it is on; any other as it is.
 
     It grows up to the edges of the surface, and by `GROWTH` pixels at most: so one that misses the
-    object's rim is mended, and one that lies on a wall does not become the wall.
-
-    Args:
-        points: Points by pixel, not finite where nothing was measured, shape (3, h, w) [m].
-        mask: Pixels that are taken for the object, shape (h, w), as is what is returned.
-        free: Pixels that are not known to show anything else, shape (h, w).
-        jump: See `edge_pixels` [m].
+    object's rim is mended, and one that lies on a wall does not become the wall. Of points (3, h,
+    w) [m], not finite where nothing was measured; pixels taken for the object, and those not known
+    to show anything else, (h, w) each; ``jump`` as in `edge_pixels` [m].
     """
     if not 0 < np.count_nonzero(mask) < SCANTY:
         return mask
@@ -102,15 +98,11 @@ class Outline(Frozen):
 def outline(
     kept: Mask, of_body: Mask, hiding: Mask, corner: tuple[int, int], camera: Camera
 ) -> Outline:
-    """The outline of a body in a part of an image.
+    """The outline of a body, in the axes of the camera, z forward.
 
-    Args:
-        kept: Pixels of which there is a point, shape (h, w).
-        of_body: Pixels that show the body, with a depth or without.
-        hiding: Pixels that show what is before it.
-        corner: Row and column in the image of the first pixel of these arrays, which contain all of
-            the body.
-        camera: The camera, in whose axes the outline is, z forward.
+    By masks (h, w) of a part of the image that contains all of the body, from a corner (row,
+    column) on: pixels of which there is a point, those that show the body, with a depth or without,
+    and those that show what is before it.
     """
     # The eight neighbours of a point are pixels at an edge, which silhouettes allow for.
     lost = of_body & ~binary_dilation(kept, np.ones((3, 3), dtype=bool))

@@ -84,15 +84,9 @@ class FusedCloud(Frozen):
     ) -> float:
         """Share of a view that contradicts earlier views, for a correct object pose.
 
-        Args:
-            points: Its surface points in O, shape (m, 3) [m].
-            p_OC: Position of the camera in O, shape (3,) [m].
-            outline: Where the object may go on beside the points, in O; nowhere if not given.
-
-        Returns:
-            The share of its points that lies where earlier views looked through, or the share of
-            the known points behind which it sees surface, whichever is larger, in [0, 1]; 0 without
-            earlier pictures.
+        The share of its points that lies where earlier views looked through, or the share of the
+        known points behind which it sees surface, whichever is larger, in [0, 1]; 0 without earlier
+        pictures. The view is given as in `merged`.
         """
         if not self.images or len(self.points) == 0 or np.size(points) < 3 * _MIN_SURFACE:
             return 0.0

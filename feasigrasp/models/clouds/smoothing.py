@@ -21,18 +21,14 @@ _GATE = (0.01, 0.004)
 def register_view(
     points: Array, normals: Array, model_points: Array, model_normals: Array
 ) -> Array:
-    """Finds the small motion that brings a view onto the model.
+    """Finds the small motion that brings a view onto the model of merged earlier views.
 
     Gauss-Newton steps on the distances to the model's tangent planes (Chen & Medioni, "Object
     modelling by registration of multiple range images", 1992), with the tracked pose as a Gaussian
     prior: what the overlap does not determine, like the turn of a can about its axis, stays as
     tracked.
 
-    Args:
-        points: The view, smoothed, shape (n, 3) [m].
-        normals: Its unit normals, shape (n, 3).
-        model_points: Merged earlier views, shape (m, 3) [m].
-        model_normals: Their unit normals, shape (m, 3).
+    Both are smoothed points [m] with their unit normals, shapes (n, 3) and (m, 3).
 
     Returns:
         The correction to apply to the view, shape (4, 4). The identity if there is too little
@@ -107,12 +103,9 @@ def _about(v: Array, center: Array) -> Array:
 
 
 def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array, Array]:
-    """Puts points onto the smooth surface through a view.
+    """Puts points ``at`` (m, 3) onto the smooth surface through a view's cloud near them (n, 3).
 
-    Args:
-        cloud: Points of one view, shape (n, 3) [m].
-        at: Where the surface is wanted, near the cloud, shape (m, 3) [m].
-        p_OC: Position of the camera, shape (3,) [m].
+    The camera is at p_OC (3,) [m].
 
     Returns:
         Points moved along their lines of sight and unit normals on the camera's side, (m, 3) each,

@@ -89,13 +89,10 @@ def usable_points(
 ) -> tuple[Array, ViewFault | None, str]:
     """The points of a view without its outliers, if they can be those of an object.
 
-    Args:
-        points: Finite points in O, shape (n, 3) [m].
-        p_OC: Position of the camera in O, shape (3,) [m].
-        min_points: Fewer show nothing.
-        known: Points of earlier views, shape (k, 3) [m]. With a mask that is too large, or beside
-            the object, what lies far behind it is in the view as well, and nothing else when the
-            hand is so close that the camera does not see the object.
+    Finite points (n, 3), the camera's position (3,), and points (k, 3) of earlier views are in O
+    [m]. With a mask that is too large, or beside the object, what lies far behind it is in the view
+    as well, and nothing else when the hand is so close that the camera does not see the object.
+    Fewer than ``min_points`` show nothing.
 
     Returns:
         The points that are left, shape (m, 3); what is wrong with the view, None if nothing is; and

@@ -7,7 +7,6 @@ translation in that look-up. Beyond the paper, the margin of the hand grows with
 the surface beside it, and what is left is scored by the probability that it is a true grasp.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated
 
@@ -95,28 +94,29 @@ def filter_grasps(
     pairs, pair_of = _contact_pairs(candidates)
     thin = (pairs.width < THIN_WALL) & (prior is not None)
     thin[thin] = _is_wall(gpdf, pairs.select(np.flatnonzero(thin)))
-    off, cosine = _contact_state(gpdf, pairs)
+    off, cosine = contact_state(gpdf, pairs)
     cosine = np.where(thin, -1.0, cosine)
     # A contact further than this from the surface touches nothing [m].
     tolerance = 0.005
     touching = np.where(thin, off.min(axis=0), off.max(axis=0)) <= tolerance
-    checks: dict[str, Mask] = {
-        Rejection.OFF_SURFACE: touching[pair_of],
-        Rejection.NOTHING_BETWEEN: (thin | _holding(gpdf, pairs))[pair_of],
-        Rejection.NOT_ANTIPODAL: (cosine <= max(COSINE_STEPS))[pair_of],
-    }
-    candidates, pair_of = _apply(candidates, pair_of, checks)
+    for reason, good in (
+        (Rejection.OFF_SURFACE, touching),
+        (Rejection.NOTHING_BETWEEN, thin | _holding(gpdf, pairs)),
+        (Rejection.NOT_ANTIPODAL, cosine <= max(COSINE_STEPS)),
+    ):
+        kept = good[pair_of]
+        candidates, pair_of = candidates.select(kept, reason), pair_of[kept]
 
     free, certain = hand_freedom(gpdf, candidates, learned[candidates.id, 1], gripper)
-    certain = certain[free]
-    candidates, pair_of = _apply(candidates, pair_of, {Rejection.COLLIDES: free})
+    certain, pair_of = certain[free], pair_of[free]
+    candidates = candidates.select(free, Rejection.COLLIDES)
 
     for limit in COSINE_STEPS:
         if np.count_nonzero(cosine[pair_of] <= limit) >= ENOUGH:
             break
     opposed = cosine[pair_of] <= limit
-    certain = certain[opposed]
-    candidates, pair_of = _apply(candidates, pair_of, {Rejection.NOT_ANTIPODAL: opposed})
+    certain, pair_of = certain[opposed], pair_of[opposed]
+    candidates = candidates.select(opposed, Rejection.NOT_ANTIPODAL)
     left, pair_of = np.unique(pair_of, return_inverse=True)
     pairs, pair_of = pairs.select(left), pair_of.reshape(-1)
     angles, deviations = (part[pair_of] for part in contact_evidence(gpdf, pairs))
@@ -128,15 +128,6 @@ def filter_grasps(
         contact = np.where(candidates.width < THIN_WALL, in_thin_wall, joint)
     score = contact * certain
     return replace(candidates, score=score).select(np.argsort(-score, kind="stable"))
-
-
-def contact_cosine(gpdf: Gpdf, grasps: GraspSet) -> Array:
-    """Cosine between the contact normals: -1 is a perfect antipodal pair, shape (n,).
-
-    The worst (largest) of three cosines: between the two outward normals, and of either normal
-    with the closing line. The latter two say whether both contacts lie in the friction cone.
-    """
-    return _contact_state(gpdf, grasps)[1]
 
 
 def _is_wall(gpdf: Gpdf, pairs: GraspSet) -> Mask:
@@ -161,18 +152,6 @@ def _contact_pairs(grasps: GraspSet) -> tuple[GraspSet, Indices]:
     return grasps.select(first), pair_of.reshape(-1)
 
 
-def _apply(
-    grasps: GraspSet, pair_of: Indices, checks: Mapping[str, Mask]
-) -> tuple[GraspSet, Indices]:
-    """Drops the grasps that fail; each is counted under the first check that it fails."""
-    passed = np.ones(len(grasps), dtype=bool)
-    dropped = {}
-    for reason, check in checks.items():
-        dropped[reason] = int(np.count_nonzero(passed & ~check))
-        passed &= check
-    return grasps.select(passed).counted(dropped), pair_of[passed]
-
-
 def above_table(gpdf: Gpdf, X_OG: Array, gripper: Gripper) -> Mask:
     """Mask of poses (n, 4, 4) at which the open hand is above the field's table by `MARGIN`."""
     if gpdf.table is None:
@@ -184,8 +163,13 @@ def above_table(gpdf: Gpdf, X_OG: Array, gripper: Gripper) -> Mask:
     return np.asarray(height.min(axis=1) + X_OG[:, :3, 3] @ normal + offset >= MARGIN)
 
 
-def _contact_state(gpdf: Gpdf, grasps: GraspSet) -> tuple[Array, Array]:
-    """How far both contacts are off the surface, shape (2, n) [m], and `contact_cosine`, (n,)."""
+def contact_state(gpdf: Gpdf, grasps: GraspSet) -> tuple[Array, Array]:
+    """How far both contacts are off the surface, (2, n) [m], and the cosine of their normals, (n,).
+
+    The worst (largest) of three cosines: between the two outward normals, and of either normal
+    with the closing line. The latter two say whether both contacts lie in the friction cone; -1 is
+    a perfect antipodal pair.
+    """
     both = np.concatenate(contacts(grasps))
     distance, gradient = gpdf.distance_and_gradient(both)
     n1, n2 = unit_normals(gradient).reshape(2, -1, 3)

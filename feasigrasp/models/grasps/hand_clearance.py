@@ -60,17 +60,11 @@ def hand_freedom(
     from all that was seen, is a guess. While fewer than `ENOUGH` hands are free, what lies in known
     free space does not count.
 
-    Args:
-        gpdf: Distance field in frame O.
-        grasps: n grasps; their scores are the probabilities of their contacts.
-        learned: Probability that the hand is free, as a network estimates it, shape (n,); NaN where
-            it has no opinion.
-        gripper: The hand.
-
-    Returns:
-        Which are free, and how probable that is of each, shapes (n,).
+    Of n grasps, whose scores are the probabilities of their contacts, and the probability that the
+    hand is free as a network estimates it, shape (n,), NaN where it has no opinion: which are free,
+    and how probable that is of each, shapes (n,).
     """
-    clearance, deviation = hand_clearance(gpdf, grasps.X_OG, gripper, MARGIN)
+    clearance, deviation = hand_clearance(gpdf, grasps.X_OG, gripper)
     free = clearance >= MARGIN + MARGIN_GROWTH * deviation
     in_doubt = np.zeros(len(grasps), dtype=bool)
     if gpdf.has_free_space:
@@ -87,17 +81,15 @@ def hand_freedom(
     return free, np.where(in_doubt, probability(UNOBSERVED_CLEARANCE, odds(learned)), certain)
 
 
-def hand_clearance(gpdf: Gpdf, X_OG: Array, gripper: Gripper, near: float) -> tuple[Array, Array]:
+def hand_clearance(gpdf: Gpdf, X_OG: Array, gripper: Gripper) -> tuple[Array, Array]:
     """Clearance of the whole open hand from the surface, for the worse of both flips.
 
-    A hand closer than ``near`` [m] collides; how much closer it is does not matter.
-
-    Returns:
-        Of poses (n, 4, 4): least distance (n,), at most `FAR` [m], and the predicted deviation of
-        the surface where the hand is closest, shape (n,) [m].
+    Of poses (n, 4, 4): least distance (n,), at most `FAR` [m], and the predicted deviation of the
+    surface where the hand is closest, shape (n,) [m]. A hand closer than `MARGIN` collides; how
+    much closer it is does not matter.
     """
     hand = _either_way_round(gripper)
-    clearance, closest = gpdf.clearance(X_OG, hand, FAR, near)
+    clearance, closest = gpdf.clearance(X_OG, hand, FAR, MARGIN)
     deviation = np.zeros(len(X_OG))
     at = np.flatnonzero(closest >= 0)
     points = np.einsum("nij,nj->ni", X_OG[at, :3, :3], hand[closest[at]]) + X_OG[at, :3, 3]

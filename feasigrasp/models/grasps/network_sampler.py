@@ -22,7 +22,7 @@ from feasigrasp.models.grasps.network.network import (
 )
 from feasigrasp.models.grasps.network.surface_input import GraspInput, grasp_input
 from feasigrasp.models.grasps.non_maximum_suppression import suppress_non_maxima
-from feasigrasp.models.grasps.success_probability import MEAN, odds, probability
+from feasigrasp.models.grasps.success_probability import odds, probability
 from feasigrasp.models.quantities import Count, Share
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation, unit_normals
@@ -117,7 +117,8 @@ class NetworkSampler:
         half = 0.5 * width[:, None] * X_OG[:, :3, 0]
         tree = cKDTree(surface.points)
         ends = [tree.query(X_OG[:, :3, 3] + way * half)[1] for way in (-1.0, 1.0)]
-        good = probability(MEAN, odds(contact[ends[0]]), odds(contact[ends[1]]))
+        mean = (0.0, 0.5, 0.5)
+        good = probability(mean, odds(contact[ends[0]]), odds(contact[ends[1]]))
         return X_OG, width, np.column_stack([good, np.full(len(good), np.nan)])
 
     @cached_property
@@ -195,5 +196,5 @@ def _end_normals(gpdf: Gpdf, middle: Array, b: Array, width: Array) -> tuple[Arr
 
 
 def _opposition(n1: Array, n2: Array, b: Array) -> Array:
-    """As `contact_cosine`, of the normals at both ends: -1 if these are perfectly opposed, (n,)."""
+    """As in `contact_state`, of normals at both ends: -1 if these are perfectly opposed, (n,)."""
     return np.maximum(np.einsum("ni,ni->n", n1, b), -np.einsum("ni,ni->n", n2, b))

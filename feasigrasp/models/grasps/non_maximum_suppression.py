@@ -96,11 +96,8 @@ def _distinct_kernel(X_OG, chosen):
     return n
 
 
-# Data association of grasps between consecutive fields, by the Hungarian method (Kuhn 1955).
-#
-# Every new view gives a new distance field and new grasps, most of them the old ones moved by a
-# millimetre. Whoever follows a grasp needs to know that, and the grasp should stay where it is: one
-# that is still good is kept as it was, and a new one takes its place only if it is clearly better.
+# Data association of grasps between consecutive fields: a new view gives a new field and new
+# grasps, most of them the old ones moved by a millimetre. Whoever follows one needs to know that.
 
 #: By which factor a new grasp has to score higher than an old one beside it, to replace it. Source:
 #: guessed.
@@ -127,17 +124,12 @@ class GraspHistory(Frozen):
         found: GraspSet,
         recheck: Callable[[Gpdf, GraspSet], GraspSet] | None = None,
     ) -> "GraspHistory":
-        """The history after one more field.
+        """The history after one more field, and the grasps sampled from it, best first.
 
-        Args:
-            gpdf: The new field.
-            found: The grasps sampled from it, best first.
-            recheck: Which of the old grasps are still good on the new field, rescored; ids as
-                before. Without it none is kept, and the new ones are given the ids of the old.
-
-        Returns:
-            Old grasps that are still good, as they were, unless a clearly better one is beside
-            them, and what was found besides; best first, as many as the larger of both sets.
+        Old grasps that are still good stay as they were, unless a clearly better one is beside
+        them; what was found besides joins them, up to the number of the larger set. ``recheck``
+        says which are still good on the new field, rescored and with their ids. Without it none is
+        kept, and the new ones are given the ids of the old.
         """
         old = self.grasps
         count = max(len(old), len(found))
@@ -165,17 +157,11 @@ class GraspHistory(Frozen):
 
 
 def associate_grasps(first: GraspSet, second: GraspSet) -> tuple[Indices, Indices]:
-    """Association of two grasp sets, one to one.
+    """Association of two grasp sets, one to one, by the Hungarian method (Kuhn 1955).
 
-    The assignment of the least total distance within the tolerance of near copies; a grasp and its
-    180-degree flip about z are the same.
-
-    Returns:
-        Indices into the first and into the second set, shape (k,) each.
+    The assignment of the least total distance within the tolerance of near copies: indices into the
+    first and into the second set, shape (k,) each.
     """
-    if len(first) == 0 or len(second) == 0:
-        nothing = np.zeros(0, dtype=np.intp)
-        return nothing, nothing
     distance = grasp_distance(first, second)
     # Cost of a pair that does not match, beyond any other. Source: numerical.
     rows, columns = linear_sum_assignment(np.where(distance <= 1.0, distance, 1e3))

@@ -65,10 +65,10 @@ def estimate_mass(gpdf: Gpdf, mass: float | None = None) -> MassEstimate:
     gyration = float(np.sqrt(((filled - centre) ** 2).sum(axis=1).mean()))
     volume = max(1, int(np.count_nonzero(inside))) * float(np.prod(step))
     typical = TYPICAL_MASS * (volume / TYPICAL_VOLUME) ** (2.0 / 3.0)
+    # What somebody has weighed is known better.
+    mass, spread = (typical, MASS_SPREAD) if mass is None else (mass, 0.05)
     # The deviation of the centre of mass is a share of the radius of gyration of the volume.
-    if mass is None:
-        return MassEstimate(typical, MASS_SPREAD, centre, 0.2 * gyration)
-    return MassEstimate(mass, 0.05, centre, 0.2 * gyration)  # somebody has weighed it
+    return MassEstimate(mass, spread, centre, 0.2 * gyration)
 
 
 #: Of gravity, and what comes on top in any direction when the hand lifts and shakes [m/s^2].
@@ -124,8 +124,7 @@ class Load(Frozen, ABC):
     def per_kilogram(self, down: ArrayLike | None = None) -> Array:
         """Share of what the hand bears that one kilogram of the object takes, shape (n,).
 
-        Args:
-            down: Direction of gravity in O, shape (3,); None for the worst one.
+        The direction of gravity ``down`` is in O, shape (3,); None for the worst one.
         """
 
     def probability(self, down: ArrayLike | None = None, best: float | None = None) -> Array:

@@ -62,16 +62,11 @@ def pad_cells(gripper: ParallelGripper) -> tuple[Array, Array, float]:
 
 
 def contact_pressure(gap: Array, area: float, stiffness: float, force: float) -> Array:
-    """Pressure of pads that are pushed against surfaces until they bear a force.
+    """Pressure of pads that are pushed against surfaces until they bear a force [N].
 
-    Args:
-        gap: Distance of the surface from the face of the pad, in every cell, shape (n, k) [m].
-        area: Of a cell [m^2].
-        stiffness: k of the foundation [Pa/m].
-        force: The force [N].
-
-    Returns:
-        ``k max(0, d - gap)``, shape (n, k) [Pa], with the depth d at which it sums up to the force.
+    It is ``k max(0, d - gap)``, shape (n, k) [Pa], with the stiffness k of the foundation [Pa/m],
+    the gap between surface and face of the pad in cells of an area [m^2], shape (n, k) [m], and the
+    depth d at which it sums up to the force.
     """
     sorted_gap = np.sort(gap, axis=1)
     cells = np.arange(1, gap.shape[1] + 1)
@@ -139,17 +134,12 @@ def with_loads(
 
 
 def rated_by_payload(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
-    """The grasps with scores multiplied by their payload probability.
+    """The grasps, best first, with scores multiplied by the probability that they bear the load.
 
-    Args:
-        grasps: Grasps in O with their loads; without them they are returned as they are.
-        down: Direction of gravity in O, shape (3,). Without it the worst one for each grasp counts,
-            and none is dropped: it may yet be lifted another way.
-
-    Returns:
-        Best first, their scores multiplied by the probability that the pads bear the load, of an
-        object that one of them carries (`BEST`). Over what is asked, `LEAST_PROBABILITY`, it is
-        `GraspSet.payload_score`. What hardly carries counts as "too heavy there" and is dropped.
+    That is of an object that one of them carries (`BEST`). Over what is asked, `LEAST_PROBABILITY`,
+    it is `GraspSet.payload_score`. What hardly carries counts as "too heavy there" and is dropped.
+    Without the direction of gravity in O, ``down`` (3,), the worst one for each grasp counts, and
+    none is dropped: it may yet be lifted another way. Grasps without loads stay as they are.
     """
     if grasps.load is None or len(grasps) == 0:
         return grasps

@@ -147,18 +147,11 @@ class GraspState(Frozen):
     ) -> "GraspState":
         """The state at time t.
 
-        An object whose pose or twist is not finite is neither grasped nor let go.
-
-        Args:
-            t: Time [s].
-            X_WH: Pose of the hand (its grasp frame), shape (4, 4).
-            X_WO: Pose of the object, shape (4, 4).
-            V_WO: Twist of the object [angular; linear], shape (6,).
-            grasps: Reachable grasps in O.
-            fingers: Measured distance between the pads [m] and its rate [m/s], shape (2,).
-            config: Tolerances and durations.
-            path: Predicts where the object would be while the fingers close; without it, it goes on
-                with its twist.
+        Of a hand with its grasp frame at X_WH (4, 4), with the measured distance between its pads
+        [m] and the rate of it [m/s], (2,), an object at X_WO (4, 4) with the twist V_WO [angular;
+        linear] (6,), and reachable grasps in O. An object whose pose or twist is not finite is
+        neither grasped nor let go. The path predicts where it would be while the fingers close;
+        without one, it goes on with its twist.
         """
         elapsed = t - self.since
         known = np.isfinite(X_WO).all() and np.isfinite(V_WO).all()
@@ -324,11 +317,8 @@ def _nearest(grasps: GraspSet, X_OH: Array, config: GraspSequenceConfig) -> tupl
 def pressing_since(before: float, t: float, elapsed: float, rate: float) -> float:
     """Time since which closing fingers press [s]; NaN until their first stop.
 
-    Args:
-        before: The same a moment ago [s].
-        t: Time [s].
-        elapsed: Time since the command to close [s].
-        rate: Rate of the distance between them [m/s].
+    Given are the same a moment ago, the time, that since the command to close [s], and the rate of
+    the distance between the fingers [m/s].
     """
     # Fingers have stopped if the distance between them shrinks by less [m/s]; what is reported of
     # them so soon after the command to close is from before they moved [s].

@@ -31,8 +31,6 @@ JOINT_CLEARANCE = (0.256, 0.375, 0.422)
 #: The same where the field has no data: constant, per log odds of a network. Source: fitted:
 #: `feasigrasp fit certainty`.
 UNOBSERVED_CLEARANCE = (1.044, 0.201)
-#: The mean log odds of two probabilities. Source: formula.
-MEAN = (0.0, 0.5, 0.5)
 #: Further away than this a hand is certainly free [m]. Source: guessed.
 FAR = 0.012
 
@@ -40,9 +38,8 @@ FAR = 0.012
 def contact_evidence(gpdf: Gpdf, pairs: GraspSet) -> tuple[Array, Array]:
     """Features of contacts from the field, summed over both contacts.
 
-    Returns:
-        Angle between closing line and surface normals, averaged over a patch round each contact,
-        shape (n,) [rad]; predicted deviation of the surface there, shape (n,) [m].
+    Angle between closing line and surface normals, averaged over a patch round each contact, (n,)
+    [rad], and predicted deviation of the surface there, (n,) [m].
     """
     b = pairs.X_OG[:, :3, 0]
     first, second = contacts(pairs)

@@ -33,7 +33,7 @@ def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:
     there, sealed, score = seal_state(gpdf, grasps.X_OG, cup)
     grasps = replace(grasps, score=score).select(there, Rejection.OFF_SURFACE)
     grasps = grasps.select(sealed[there], Rejection.NOT_FLAT)
-    clearance, deviation = hand_clearance(gpdf, grasps.X_OG, cup, MARGIN)
+    clearance, deviation = hand_clearance(gpdf, grasps.X_OG, cup)
     free = clearance >= MARGIN + MARGIN_GROWTH * deviation
     likely = probability(CLEARANCE, clearance_evidence(clearance, deviation))
     grasps = replace(grasps, score=grasps.score * likely).select(free, Rejection.COLLIDES)

@@ -76,10 +76,7 @@ def agreeing(
     A component is the object's if most of it is near the field's zero. What else is near it, amid a
     larger body that the object touches, is found pixel by pixel. The field is in O, the points
     (n, 3) are given by pixel in W [m], and the pose may be off by ``slack`` [m] beside what is
-    usual.
-
-    Returns:
-        Numbers of the components, and of the pixels of other components.
+    usual. Numbers of the components are returned, and those of the pixels of other components.
     """
     # A component of which this share agrees is of the object; of others only single pixels are,
     # which are nearer to the surface than this [m].

@@ -154,12 +154,9 @@ class ModeledBodies:
     ) -> NDArray[np.uint8]:
         """Kind of each pixel, (n,): `UNOBSERVED`, `ROBOT`, `CELL`, or `FREE` for anything else.
 
-        Args:
-            points: Points of a view in W, not finite where nothing was measured, shape (n, 3) [m].
-            X_WC: Pose of the camera, shape (4, 4).
-            q: Measured joint positions, shape (7,) [rad].
-            opening: Measured distance between the pads [m].
-            noise: Of its depths, see `Camera.depth_noise` [1/m].
+        Of points (n, 3) in W [m], not finite where nothing was measured, seen by a camera at X_WC
+        (4, 4) with the noise `Camera.depth_noise` [1/m], at measured joint positions (7,) [rad] and
+        a measured ``opening`` between the pads [m].
         """
         arm = self._capsules
         hand = hand_boxes(self.gripper, forward_kinematics(q, self.gripper.X_FG, self.arm), opening)

@@ -242,12 +242,9 @@ def support_plane(
 ) -> Array | None:
     """The plane that a body stands on: that with most points round it which has it above.
 
-    Args:
-        around: Points about the body, shape (n, 3) [m].
-        body: Points of the body, shape (m, 3), m > 0 [m].
-        p_WC: Position of the camera, above the plane, shape (3,) [m].
-        tolerance: Largest distance of points of the plane [m].
-        guesses: Planes that it may be, e.g. that of the last image, shape (4,) each.
+    By points about the body (n, 3), those of the body (m, 3), m > 0, the camera's position (3,)
+    above the plane, and the largest distance of points of the plane [m]; it may be one of some
+    guesses (4,), e.g. that of the last image.
 
     Returns:
         Its unit normal and offset, see `table_plane`; None if the body stands on nothing.

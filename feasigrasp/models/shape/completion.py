@@ -43,15 +43,11 @@ def hidden_nodes(
     `hidden_side` estimates where the object ends behind each. Other pictures contradict that where
     they look through the place, or see a surface in front of it that is not the far one.
 
-    Args:
-        field: The estimate without the network.
-        images: Pictures of the object, in the frame of the points; at least one.
-        observed: Points seen, shape (n, 3) [m].
-        network: Estimator of far sides.
-        count: Number of nodes, at most.
+    The field is the estimate without the network; observed points (n, 3) [m] and one picture or
+    more are in its frame.
 
     Returns:
-        Points (k, 3) [m], and their expected errors along the line of sight (k,) [m].
+        At most ``count`` points (k, 3) [m], and their expected errors along the line of sight (k,).
     """
     backs = network.back_surfaces(images, field)
     parts = [_of_picture(image, back) for image, back in zip(images, backs, strict=True)]

@@ -104,16 +104,10 @@ class Gpdf(Frozen):
 
     @checked(PointCloudError)
     def distance(self, x: Annotated[ArrayLike, POINTS]) -> Array:
-        """Raw signed distance ``d = -l ln o``.
+        """Raw signed distance ``d = -l ln o`` at x (m, 3), shape (m,) [m].
 
         Its sign and zero are right; its size is not: 10-30 % too small outside, half or less
         inside. Use ``refine`` where metres matter.
-
-        Args:
-            x: Query points, shape (m, 3) [m].
-
-        Returns:
-            Shape (m,) [m].
         """
         return kernels.values(self.tiles, self.length_scale, self.center, np.asarray(x))
 
@@ -143,15 +137,11 @@ class Gpdf(Frozen):
     def refine(
         self, x: Annotated[ArrayLike, POINTS], steps: Whole = 5
     ) -> tuple[Array, Array, Array]:
-        """Refined signed distance by marching to the surface.
+        """Refined signed distance of points x (m, 3) by marching to the surface.
 
         Repeats ``x <- x - step n`` with the unit normal n recomputed at every step (the paper's
         scripts freeze it) and the damped Newton step ``d / max(|grad d|, 0.2)``, at most 2.5 d,
         since ``|grad d|`` is 0.04 to 0.9 and not 1. A field with ``damped=False`` steps by d.
-
-        Args:
-            x: Query points, shape (m, 3) [m].
-            steps: Number of steps.
 
         Returns:
             Signed distance (m,) [m], the surface points reached (m, 3), outward normals there.
@@ -197,16 +187,10 @@ class Gpdf(Frozen):
         max_length: NotNegative,
         start_length: NotNegative,
     ) -> Array:
-        """Exit points of rays through the object.
+        """Lengths of rays through the object to their exits, (m,) [m]; NaN where there is none.
 
-        Args:
-            starts: Points on the surface, shape (m, 3) [m].
-            directions: Unit vectors into the object, shape (m, 3).
-            max_length: Longest way looked at [m].
-            start_length: First point looked at; must be inside the object [m].
-
-        Returns:
-            Length to the exit, shape (m,) [m]; NaN where there is none.
+        They start on the surface, with unit vectors into the object, (m, 3) each. They are looked
+        at from ``start_length`` on, which must be inside the object, up to ``max_length`` [m].
         """
         # Shortest step of a ray through the object [m].
         return kernels.march_to_exit(
@@ -229,16 +213,12 @@ class Gpdf(Frozen):
     ) -> tuple[Array, Indices]:
         """Clearance of a rigid body from the completed surface.
 
-        Args:
-            poses: Poses of the body in the field's frame, shape (m, 4, 4).
-            body_points: Points on the body in its own frame, shape (k, 3) [m].
-            far: Largest distance of interest [m].
-            near: A body closer than this is not looked at further [m].
+        Of the body's poses in the field's frame (m, 4, 4), by points on it in its own (k, 3) [m].
 
         Returns:
             Least refined distance (m,), negative inside and ``far`` at most [m], and the index of
             the body point that has it, -1 where it is far, shape (m,). Of bodies closer than
-            ``near``, those of the first such point.
+            ``near`` [m], those of the first such point.
         """
         centred = np.array(poses)
         centred[:, :3, 3] -= self.center

@@ -108,7 +108,8 @@ def fit_field(
     """Fits the process to occupancies at given nodes: the lower level of ``fit_gpdf``.
 
     Use it where the nodes are not just observed points, for example with values in free space,
-    ``exp(-dist / l)`` at ``dist`` from the surface. Solves ``(K + diag(s2)) alpha = y``.
+    ``exp(-dist / l)`` at ``dist`` from the surface. Solves ``(K + diag(s2)) alpha = y``. The
+    field is in the frame of the nodes.
 
     Args:
         nodes: Where the occupancy is given, shape (k, 3) [m].
@@ -118,9 +119,6 @@ def fit_field(
         length_scale: l of the kernel [m].
         noise_variance: s2 of every node, or one per node, shape (k,).
         damped: Whether ``Gpdf.refine`` takes damped Newton steps.
-
-    Returns:
-        The field, in the frame of the nodes.
 
     Raises:
         PointCloudError: If the kernel matrix is not positive definite, or if the nodes reach

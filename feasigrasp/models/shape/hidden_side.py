@@ -50,12 +50,10 @@ def picture_scale(image: ViewImage) -> float:
 def estimated_thickness(image: ViewImage, field: Gpdf) -> tuple[Array, Array]:
     """Depth of a field along the lines of sight, and its distance from observations.
 
-    Every second line of sight of every second row is looked at, which is as fine as fields are.
-
-    Returns:
-        From the pictured surface to the end of the field, along z of the camera, and the distance
-        of that end from the nearest observed point; shape (SIDE, SIDE) each [m]; NaN outside the
-        silhouette and where there is no end.
+    From the pictured surface to the end of the field, along z of the camera, and the distance of
+    that end from the nearest observed point; shape (SIDE, SIDE) each [m]; NaN outside the
+    silhouette and where there is no end. Every second line of sight of every second row is looked
+    at, which is as fine as fields are.
     """
     # Thickness that is looked for in the field, least and most [m].
     least, most = 4e-3, 0.4

@@ -75,18 +75,11 @@ class SceneField(Frozen):
     def distance_and_gradient(
         self, x: Annotated[ArrayLike, POINTS], max_distance: Bound = np.inf
     ) -> tuple[Array, Array]:
-        """Signed distance to the nearest surface, and its gradient.
+        """Signed distance to the nearest surface at x (m, 3) [m], and its gradient.
 
-        Args:
-            x: Query points, shape (m, 3) [m].
-            max_distance: Farther away is far enough: ``max_distance`` with gradient zero [m]. Saves
-                most of the time where most points are far.
-
-        Returns:
-            Distances (m,) [m], negative behind a surface, and unit gradients (m, 3).
-
-        Raises:
-            PointCloudError: If x has another shape, or holds NaN or infinity.
+        Distances (m,) [m] are negative behind a surface, gradients (m, 3) are unit. Farther away
+        than ``max_distance`` is far enough: that distance, with gradient zero. It saves most of the
+        time where most points are far.
         """
         x = np.asarray(x)
         distance, gradient = np.full(len(x), max_distance), np.zeros_like(x)

@@ -67,11 +67,8 @@ def outlined(key: Keyframe, view: ObjectView, X_WO: Array) -> Keyframe:
 def is_worth_merging(key: Keyframe, found: Registration, last: float, views: ViewRecord) -> bool:
     """Whether a view is accurate and informative enough for a keyframe.
 
-    Args:
-        key: The view, as a keyframe.
-        found: How it fits the model.
-        last: Time of the last keyframe [s], at least `KEY_PERIOD` ago.
-        views: From where the merged views were taken.
+    It fits the model as ``found`` says; the last keyframe was taken at ``last`` [s], at least
+    `KEY_PERIOD` ago, and the merged ones from ``views``.
     """
     # Views of a side after which its keyframes are fewer, the time between these, and that after
     # which it is looked at again [s].

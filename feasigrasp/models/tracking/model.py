@@ -29,14 +29,10 @@ NOISE_SHARE = 0.003
 
 
 def jacobian(lever: Array, normals: Array) -> Array:
-    """Change of the distances of fixed points from a body by its error [theta, p].
+    """Change of the distances of fixed points from a body by its error [theta, p], shape (n, 6).
 
-    Args:
-        lever: Points from the origin of O, in the axes of the world, shape (n, 3) [m].
-        normals: Gradients of the distance there, in the same axes, shape (n, 3).
-
-    Returns:
-        Shape (n, 6).
+    The points (n, 3) [m] are given from the origin of O, they and the gradients of the distance
+    there (n, 3) in the axes of the world.
     """
     (x, y, z), (a, b, c) = lever.T, normals.T
     # -(lever x normal), written out: np.cross is slower than all the rest.
@@ -46,11 +42,8 @@ def jacobian(lever: Array, normals: Array) -> Array:
 def without_noise(J: Array, weights: Array, lever: Array, noise: float) -> tuple[Array, Array]:
     """The information of weighted rows, less what noise alone would bring.
 
-    Args:
-        J: Rows, see `jacobian`, shape (n, 6).
-        weights: Inverse variances, shape (n,).
-        lever: Where they are, shape (n, 3) [m].
-        noise: The share of noise, see `TrackedModel.noise_share`.
+    Of rows (n, 6) of `jacobian`, at levers (n, 3) [m], with inverse variances (n,), by the share of
+    noise, see `TrackedModel.noise_share`.
 
     Returns:
         The information (6, 6), and the projection (6, 6) that takes a gradient ``J^T w r`` to that
@@ -79,12 +72,8 @@ def without_noise(J: Array, weights: Array, lever: Array, noise: float) -> tuple
 def surface_deviation(covariance: Array, lever: Array, normals: Array) -> float:
     """Root mean square distance between measured and expected surface, along the normals [m].
 
-    What the shape does not determine does not count: a can may turn, and is where it was.
-
-    Args:
-        covariance: Of [theta, p], shape (6, 6).
-        lever: Points of the surface from the origin of O, in the axes of the world, (n, 3) [m].
-        normals: Their normals, shape (n, 3).
+    What the shape does not determine does not count: a can may turn, and is where it was. By the
+    covariance (6, 6) of [theta, p]; the surface is given as in `jacobian`.
     """
     rows = jacobian(lever, normals)
     return float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", rows, covariance, rows))))

@@ -55,16 +55,11 @@ def reacquire(
     *,
     any_orientation: int | None = None,
 ) -> Registration:
-    """The best registration of several.
+    """The best registration of several, of an object in an image in which it may be.
 
-    Args:
-        model: The object.
-        view: An image in which it may be.
-        guesses: Poses at which it may be, the most probable first, shape (4, 4) each.
-        covariance: Of the error [theta, p] of these, shape (6, 6).
-        any_orientation: Seed of the turns that are tried where it may have turned by any angle:
-            another one in every search, so that some start comes near; None if it has hardly
-            turned.
+    The guesses (4, 4) of its pose come with the most probable first; their errors [theta, p] have
+    the covariance (6, 6). Where it may have turned by any angle, ``any_orientation`` is the seed of
+    the turns that are tried: another one in every search, so that some start comes near.
     """
     starts = [(guess, X) for guess in guesses for X in _starts(model, view, guess, _NEARBY)]
     fits = np.array([_fit(model, view, X) for _, X in starts])

@@ -83,15 +83,10 @@ def register(
     start: Array | None = None,
     points: int = 450,
 ) -> Registration:
-    """Finds the pose.
+    """Finds the pose of an object in an image, by at most so many points, spread over it.
 
-    Args:
-        model: The object.
-        view: The image.
-        X_WO: Expected pose, shape (4, 4).
-        covariance: Of its error [theta, p], shape (6, 6).
-        start: Where the search starts, if not there, shape (4, 4).
-        points: Points of the image that are used, at most; they are spread over it.
+    It is expected at X_WO (4, 4) with a covariance (6, 6) of the error [theta, p]; the search
+    starts there, unless another pose is given.
     """
     # Steps of the search; residuals are allowed to be so large at its start [m], at most.
     steps, widest = 6, 0.012

@@ -40,13 +40,10 @@ class LearntShape(Frozen):
     faults: Counter[ViewFault] = field(default_factory=Counter)
 
     def merged(self, keyframe: Keyframe | None, **options: Any) -> LearntShape:
-        """With one more keyframe, if there is a new one, and if a field comes of it.
+        """With a tracker's last keyframe, if it is a new one, and if a field comes of it.
 
-        A keyframe in a frame O that was begun anew is the first: what was there is forgotten.
-
-        Args:
-            keyframe: A tracker's last one; None before the first.
-            **options: Of `complete_shape`.
+        A keyframe in a frame O that was begun anew is the first: what was there is forgotten. The
+        options are those of `complete_shape`.
         """
         if keyframe is None or keyframe.time <= self.looked:
             return self

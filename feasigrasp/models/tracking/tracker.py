@@ -244,12 +244,9 @@ def _by_middle(before: FieldTrack, view: ObjectView) -> FieldTrack:
 def _one_view(information: Array, views: int) -> Array:
     """How far a model may have moved with the view that was merged last: covariance, (6, 6).
 
-    A view errs by the covariance of its image, and all that is measured by the model errs with it.
-    A filter that does not know takes it for a motion.
-
-    Args:
-        information: Information matrix of an image, shape (6, 6).
-        views: How many the model is made of.
+    A view errs by the covariance of its image, with this information (6, 6), and all that is
+    measured by the model of so many views errs with it. A filter that does not know takes it for a
+    motion.
     """
     # A merged view moves the model by its own error, as one of the views merged, and by this share
     # of it at least: where it shows another side it is the only one.
@@ -262,13 +259,10 @@ def _one_view(information: Array, views: int) -> Array:
 def _located(
     before: FieldTrack, view: ObjectView, gap: float
 ) -> tuple[FieldTrack, Registration | None]:
-    """Where a view shows the object, which ``before`` expects somewhere at the time of the view.
+    """What is known after a view, ``gap`` [s] after the last pose, and how the view fits.
 
-    The last pose was got ``gap`` [s] ago.
-
-    Returns:
-        What is known after it, and how the view fits; ``before`` and None if it gives no pose, but
-        with the time of a search.
+    ``before`` is what is expected at the time of the view. It and None come back where the view
+    gives no pose, but with the time of a search.
     """
     # After so long without a pose the object is searched for from several starts, and again so much
     # later [s].

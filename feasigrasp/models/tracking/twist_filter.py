@@ -165,9 +165,8 @@ class TwistFilter(Frozen):
     def measured(self, X_WO: Array, information: Array) -> TwistFilter:
         """The estimate after a registration that started from this one.
 
-        Args:
-            X_WO: The most likely pose, given the image and this estimate, shape (4, 4).
-            information: What the image alone says of [theta, p], shape (6, 6); may be singular.
+        It gave the most likely pose (4, 4), given the image and this estimate, and what the image
+        alone says of [theta, p], (6, 6), which may be singular.
         """
         P = self.covariance
         error = pose_error(self.X_WO, X_WO)

@@ -70,15 +70,10 @@ class ObjectView(Frozen):
 
     @checked(CameraError)
     def beside(self, points_C: Annotated[Array, POINTS]) -> tuple[Mask, Array]:
-        """Mask of model points at pixels without the object, and their distance to it.
+        """Mask (n,) of model points (n, 3) at pixels without the object, and their way to it.
 
-        Args:
-            points_C: Shape (n, 3) [m].
-
-        Returns:
-            Which points are seen in the background, shape (n,); and from these (k, 3) the way to
-            the line of sight of the nearest pixel that shows the object, as far as it exceeds what
-            lost edge pixels explain, shape (k, 2) [m] along the camera's x and y.
+        The way from these k points to the line of sight of the nearest pixel that shows the object,
+        as far as it exceeds what lost edge pixels explain, (k, 2) [m] along the camera's x and y.
         """
         none = np.zeros(len(points_C), dtype=bool), np.zeros((0, 2))
         if self.depth is None or len(self.points_C) == 0:

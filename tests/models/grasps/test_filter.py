@@ -9,7 +9,7 @@ from feasigrasp.errors import GraspError, PointCloudError
 from feasigrasp.models.grasps import filter
 from feasigrasp.models.grasps.filter import (
     _holding,
-    contact_cosine,
+    contact_state,
     filter_grasps,
 )
 from feasigrasp.models.grasps.grasp_set import GraspSet, contacts
@@ -94,7 +94,7 @@ def test_limits_are_relaxed_only_while_too_few_pass(ball, monkeypatch):
     tilts = [0.0, 0.006, 0.012]  # chords off the centre: normals 0, 12 and 24 degrees off the line
     X_OG = [grasp(at=(0, y, 0)) for y in tilts]
     width = [2 * np.sqrt(0.03**2 - y**2) for y in tilts]
-    cosine = contact_cosine(ball, GraspSet(np.array(X_OG), np.array(width), np.zeros(3)))
+    _, cosine = contact_state(ball, GraspSet(np.array(X_OG), np.array(width), np.zeros(3)))
     expected = [-np.cos(2 * np.arcsin(y / 0.03)) for y in tilts]
     np.testing.assert_allclose(cosine, expected, atol=0.03)
     monkeypatch.setattr(filter, "COSINE_STEPS", (-0.95, -0.85, -0.6))
@@ -130,7 +130,7 @@ def test_what_was_not_seen_is_given_more_room(sphere_cloud):
     half = fit_gpdf(cloud[cloud[:, 2] > -0.005])
     for z, seen in (((0, 0, -1), True), ((0, 0, 1), False)):  # the palm comes from +z, from -z
         X_OG = grasp(z=z)[None]
-        clearance, deviation = hand_clearance(half, X_OG, ParallelGripper(heel=-0.034), 0.0)
+        clearance, deviation = hand_clearance(half, X_OG, ParallelGripper(heel=-0.034))
         assert (deviation[0] < 0.004) == seen
         assert (deviation[0] > 0.006) != seen
         assert clearance[0] < FAR

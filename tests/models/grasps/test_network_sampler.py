@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.grasps.filter import contact_cosine, filter_grasps
+from feasigrasp.models.grasps.filter import contact_state, filter_grasps
 from feasigrasp.models.grasps.grasp_set import ENOUGH
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.grasps.samplers import make_sampler
@@ -63,7 +63,7 @@ def test_the_field_tops_up_what_the_network_leaves_open(can):
     alone, more = few(can), replace(few, top_up=True)(can)
     assert len(alone) < ENOUGH <= len(more)
     assert (np.diff(more.score) <= 0).all()
-    assert (contact_cosine(can, more) < -0.8).all()
+    assert (contact_state(can, more)[1] < -0.8).all()
     enough = replace(SAMPLER, top_up=False)(can)
     np.testing.assert_array_equal(SAMPLER(can).X_OG, enough.X_OG)  # no need, no change
 

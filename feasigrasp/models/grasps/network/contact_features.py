@@ -59,13 +59,9 @@ def contact_features(
     scalars: ArrayLike,
     gripper: ParallelGripper | None = None,
 ) -> ContactFeatures:
-    """Features of contacts, in the precision of the points.
+    """Features of contacts, in the precision of the points, for a hand; by default the usual one.
 
-    Args:
-        points: Shape (n, 3) [m], n > 0.
-        normals: Outward unit normals, shape (n, 3).
-        scalars: Invariants by the names in `SCALARS`, shape (n, 4).
-        gripper: The hand; the default hand when None.
+    Points [m], outward unit normals and scalars are those of a `GraspInput`, n > 0 of them.
 
     Raises:
         GraspError: Without points, or if a normal is not of unit length.

@@ -59,10 +59,8 @@ def array_shapes(
 ) -> dict[str, tuple[int, ...]]:
     """Names and shapes of the weights, as torch names them.
 
-    Args:
-        vectors: Channels of the vector neurons.
-        hidden: Width of the invariant perceptron.
-        ring: Width of the perceptron that approach directions share.
+    By the channels of the vector neurons, the width of the invariant perceptron, and that of the
+    perceptron that approach directions share.
     """
     unbiased = {
         "encode.mix": (vectors + 1, VECTORS),

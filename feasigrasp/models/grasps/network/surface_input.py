@@ -212,14 +212,9 @@ class GraspInput(Frozen):
 
 
 def grasp_input(field: Gpdf, n_points: int) -> GraspInput:
-    """An even choice of points on a completed surface, with normals and invariant features.
+    """An even choice of points on a completed surface, with normals and invariant features, in O.
 
-    Args:
-        field: The distance field, in O.
-        n_points: Points wanted. A small object seen once may have fewer.
-
-    Returns:
-        The input, in O; the same field gives the same points.
+    The same field gives the same points; a small object seen once may have fewer than wanted.
 
     Raises:
         GraspError: If nothing of the surface is known.

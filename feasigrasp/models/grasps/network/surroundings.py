@@ -228,15 +228,11 @@ def neighbourhoods(
     confidence: Floats,
     radii: tuple[float, ...],
 ) -> Floats:
-    """Local curvature features of a surface.
+    """Local curvature features of a surface about places near it.
 
-    Args:
-        centers: Places near the surface, shape (n, 3) [m].
-        facing: Where the surface that counts faces there, unit, shape (n, 3).
-        points: The surface, shape (c, 3) [m].
-        normals: Its unit normals, shape (c, 3).
-        confidence: How sure each of its points is, shape (c,), in [0, 1].
-        radii: Of the neighbourhoods [m].
+    Given are the places and where the surface that counts faces there, unit, (n, 3) each; points of
+    the surface [m] and their unit normals, (c, 3) each; how sure each point is, (c,), in [0, 1];
+    and the radii of the neighbourhoods [m].
 
     Returns:
         For every place and radius, (n, len(radii), 8): the weight of the neighbourhood, about the
@@ -298,7 +294,6 @@ def _hand_sizes(gripper: ParallelGripper) -> HandSizes:
     half = gripper.finger_thickness / 2
     length = gripper.tip - gripper.heel
     camera_y, camera_z = gripper.camera_center[1:]
-    # Clearance between the pads and a contact, below which points beside it are not in the way [m].
     return HandSizes(
         finger_x=gripper.max_opening / 2 + half,
         finger_half_x=half,
