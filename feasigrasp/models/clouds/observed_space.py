@@ -167,7 +167,7 @@ class ObservedSpace(Frozen):
         """The voxels (m, 3) of those points (n, 3) that are inside the box, and which these are."""
         index = np.rint((points - self.low) / SCENE_VOXEL)
         inside = ((index >= 0) & (index < self.free.shape)).all(axis=1)
-        return index[inside].astype(np.int64), inside
+        return index[inside].astype(np.int64), np.asarray(inside)
 
 
 def _normals(points: Array, directions: Array, radius: float) -> Array:

@@ -171,9 +171,8 @@ class ViewImage:
     def project(self, x: Array) -> tuple[Indices, Indices, Array, Mask]:
         """Pixel coordinates of points (n, 3) given in O.
 
-        Returns:
-            Row and column, at the border for those outside; depth along z [m]; and which are in the
-            picture; shape (n,) each.
+        Row and column, at the border for those outside; depth along z [m]; and which are in the
+        picture; shape (n,) each.
         """
         u, v, z = ((x - self.X_OC[:3, 3]) @ self.X_OC[:3, :3]).T
         scale = np.maximum(z, 1e-6)

@@ -107,7 +107,7 @@ def filter_grasps(
         kept = good[pair_of]
         candidates, pair_of = candidates.select(kept, reason), pair_of[kept]
 
-    free, certain = hand_freedom(gpdf, candidates, learned[candidates.id, 1], gripper)
+    free, certain = hand_freedom(gpdf, candidates, learned[candidates.id, 1], gripper, ENOUGH)
     certain, pair_of = certain[free], pair_of[free]
     candidates = candidates.select(free, Rejection.COLLIDES)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry.points import nearest_distance
-from feasigrasp.models.grasps.grasp_set import ENOUGH, FLIP, GraspSet
+from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet
 from feasigrasp.models.grasps.success_probability import (
     CLEARANCE,
     FAR,
@@ -52,12 +52,12 @@ HOPEFUL = 0.5
 
 
 def hand_freedom(
-    gpdf: Gpdf, grasps: GraspSet, learned: Array, gripper: Gripper
+    gpdf: Gpdf, grasps: GraspSet, learned: Array, gripper: Gripper, enough: int
 ) -> tuple[Mask, Array]:
     """Mask of collision-free open hands, with probabilities.
 
     Where a wall is thin, the field fills what it encloses; and what it closes a shape with, far
-    from all that was seen, is a guess. While fewer than `ENOUGH` hands are free, what lies in known
+    from all that was seen, is a guess. While fewer than ``enough`` hands are free, what lies in known
     free space does not count.
 
     Of n grasps, whose scores are the probabilities of their contacts, and the probability that the
@@ -69,7 +69,7 @@ def hand_freedom(
     in_doubt = np.zeros(len(grasps), dtype=bool)
     if gpdf.has_free_space:
         in_doubt = ~free & (grasps.score * np.nan_to_num(learned) >= HOPEFUL)
-        few = np.count_nonzero(free) < ENOUGH
+        few = np.count_nonzero(free) < enough
         again = ~free & ~in_doubt & (few | (grasps.width < THIN_WALL))
         clearance[again] = observed_clearance(gpdf, grasps.X_OG[again], gripper)
         free[again] = clearance[again] >= MARGIN + MARGIN_GROWTH * deviation[again]

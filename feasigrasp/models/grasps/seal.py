@@ -102,11 +102,7 @@ def needed_vacuum(force: ArrayLike, moment: ArrayLike, cup: SuctionCup) -> Array
 
 @dataclass(frozen=True, eq=False)
 class CupLoad(Load):
-    """Loads on a suction cup in n grasps of one object.
-
-    Attributes:
-        cup: The cup.
-    """
+    """Loads on a suction cup in n grasps of one object."""
 
     cup: SuctionCup
 

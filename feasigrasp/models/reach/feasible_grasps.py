@@ -161,9 +161,7 @@ def feasible_poses(
     if width is not None and cup is None:
         left = drop(widths <= hand.max_opening - 2 * MARGIN, Rejection.TOO_WIDE)
     if gpdf is not None:
-        if gpdf.table is not None:
-            plane = gpdf.table * [1.0, 1.0, 1.0, -1.0]
-            left = drop(above_table(poses[left], plane, hand), Rejection.HITS_TABLE)
+        left = drop(above_table(gpdf, poses[left], hand), Rejection.HITS_TABLE)
         if cup is not None:
             there, sealed, _ = seal_state(gpdf, poses[left], cup)
             left, sealed = drop(there, Rejection.OFF_SURFACE), sealed[there]

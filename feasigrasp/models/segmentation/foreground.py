@@ -181,14 +181,11 @@ class Known(NamedTuple):
 def segment(
     view: CameraView, known: Known, kinds: NDArray[np.uint8], p_WH: Array, camera: Camera
 ) -> NDArray[np.int16]:
-    """Labels the pixels of a depth image.
+    """A `Label` for each pixel of a depth image, shape (height, width).
 
     The kinds (n,) say what pixels show that is known, see `ModeledBodies.kinds`, or `CARRIER`. The
-    object is looked for about p_WH (3,) [m], the place of the hand.
-
-    Returns:
-        A `Label` for each pixel, shape (height, width). Pixels without depth amid the object count
-        as the object's.
+    object is looked for about p_WH (3,) [m], the place of the hand. Pixels without depth amid the
+    object count as the object's.
     """
     free = kinds == Kind.FREE
     where = np.flatnonzero(free)

@@ -41,7 +41,7 @@ def grasp(approach):
 
 def judged(field, approach, contact, learned):
     grasps = GraspSet(grasp(approach)[None], [2 * RADIUS], [contact])
-    free, certain = hand_freedom(field, grasps, np.array([learned]), GRIPPER)
+    free, certain = hand_freedom(field, grasps, np.array([learned]), GRIPPER, 0)
     return bool(free[0]), float(certain[0])
 
 

@@ -260,15 +260,10 @@ def hand_room(
 ) -> Floats:
     """Penetration of the open hand into the cloud, for directions about each closing axis.
 
-    Args:
-        points: Contacts, shape (n, 3) [m].
-        axes: Their closing directions into the object, unit, shape (n, 3).
-        across: The approach direction of angle zero, unit and across the axis, shape (n, 3).
-        widths: Distances to the contacts opposite, shape (n,) [m].
-        cloud: Surface of the object, shape (c, 3) [m].
-        confidence: How sure each of its points is, shape (c,), in [0, 1].
-        gripper: The hand.
-        directions: Their number K, even; direction k lies at the angle 2 pi k / K about the axis.
+    Of contacts (n, 3) [m] with closing directions into the object and, across these, the approach
+    direction of angle zero, unit, (n, 3) each, at distances (n,) [m] from the contacts opposite;
+    and of the surface of the object (c, 3) [m], with how sure each of its points is, (c,), in
+    [0, 1]. Of K directions, an even number, k lies at the angle 2 pi k / K about the axis.
 
     Returns:
         Shape (`ROOM`, K, n) [m].
