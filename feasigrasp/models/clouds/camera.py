@@ -39,11 +39,7 @@ class Camera(Frozen):
     depth_noise: NotNegative
 
     def __post_init__(self) -> None:
-        """Checks the numbers.
-
-        Raises:
-            CameraError: One is not finite or out of range, or a focal length is not positive.
-        """
+        """Raises CameraError where a number is not finite, or out of range."""
         check_fields(self, CameraError)
         if min(self.intrinsics[:2]) <= 0.0:
             raise CameraError(f"Camera.intrinsics = {self.intrinsics}: give focal lengths above 0")

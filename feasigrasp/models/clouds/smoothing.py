@@ -35,8 +35,7 @@ def register_view(
         overlap, if it hardly improves the fit, or if it is larger than tracking errors are.
     """
     # Fewer pairs determine no pose.
-    min_pairs = 30
-    steps = 6
+    min_pairs, steps = 30, 6
     # Noise of a residual, sensor and smoothing together [m].
     residual_sigma = 1.5e-3
     # Points of the view that are used, at most; they are spread over it.

@@ -34,10 +34,7 @@ class ViewRecord(Frozen):
         return ViewRecord(np.vstack([self.p_OC, p_OC]), np.append(self.times, time))
 
     def turned(self, p_OC: ArrayLike) -> float:
-        """Angle of a camera at p_OC (3,) to the nearest direction of a view [rad]; pi without any.
-
-        Without any view every side is another one.
-        """
+        """Angle [rad] of a camera at p_OC (3,) to the nearest view's direction; pi without any."""
         return float(np.arccos(self._cosines(p_OC).max(initial=-1.0)))
 
     def adds_information(self, p_OC: ArrayLike, time: float, n_views: int, revisit: float) -> bool:
@@ -92,11 +89,8 @@ def usable_points(
     Finite points (n, 3), the camera's position (3,), and points (k, 3) of earlier views are in O
     [m]. With a mask that is too large, or beside the object, what lies far behind it is in the view
     as well, and nothing else when the hand is so close that the camera does not see the object.
-    Fewer than ``min_points`` show nothing.
-
-    Returns:
-        The points that are left, shape (m, 3); what is wrong with the view, None if nothing is; and
-        by what figures.
+    Fewer than ``min_points`` show nothing. With the points that are left, (m, 3), comes what is
+    wrong with the view, None if nothing is, and by what figures.
     """
     # Largest extent of an object beyond the observed surface [m]; points that do show that the mask
     # is wrong, unless all of them do and could be the object: then it is elsewhere.

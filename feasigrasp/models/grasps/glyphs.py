@@ -20,10 +20,8 @@ def gripper_glyph(gripper: Gripper) -> tuple[Array, Indices]:
 
     The inner faces of the fingers are ``max_opening`` apart, as the pads are when the hand comes;
     the fingers end at ``tip`` and the bar lies at ``heel``, so the fork stands where the hand
-    would. The stem points from where the hand comes: against the approach direction z.
-
-    Returns:
-        Vertices, shape (32, 3) [m], and triangles that index them, shape (48, 3).
+    would. The stem points from where the hand comes: against the approach direction z. It has
+    vertices (32, 3) [m], and triangles that index them, (48, 3).
     """
     t = 0.0015  # half the edge of the rods' square section [m]
     x = gripper.max_opening / 2 + t

@@ -57,8 +57,8 @@ def hand_freedom(
     """Mask of collision-free open hands, with probabilities.
 
     Where a wall is thin, the field fills what it encloses; and what it closes a shape with, far
-    from all that was seen, is a guess. While fewer than ``enough`` hands are free, what lies in known
-    free space does not count.
+    from all that was seen, is a guess. While fewer than ``enough`` hands are free, what lies in
+    known free space does not count.
 
     Of n grasps, whose scores are the probabilities of their contacts, and the probability that the
     hand is free as a network estimates it, shape (n,), NaN where it has no opinion: which are free,

@@ -116,12 +116,7 @@ def object_on_table(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -
 def table_plane(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
     """The plane of the table, as `tabletop` finds it; the largest one if nothing stands on any.
 
-    Args:
-        points: Finite points, shape (n, 3) [m].
-        viewpoint: Where the camera was, shape (3,) [m].
-
-    Returns:
-        Its unit normal, towards the camera, and its offset: ``n . x + d`` is the height of x, (4,).
+    Its unit normal, towards the camera, and its offset: ``n . x + d`` is the height of x, (4,).
 
     Raises:
         PointCloudError: There are hardly any points.

@@ -96,7 +96,6 @@ class SequenceTracker(Frozen):
     shape: LearntShape = field(default_factory=LearntShape)
 
     def __post_init__(self) -> None:
-        """Checks what it is made of."""
         check_fields(self)
 
     @checked()

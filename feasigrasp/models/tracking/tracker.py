@@ -99,7 +99,6 @@ class FieldTrack(Frozen):
     delay: NotNegative = 0.0
 
     def __post_init__(self) -> None:
-        """Checks what it is made of."""
         check_fields(self)
 
     @property

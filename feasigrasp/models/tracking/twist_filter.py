@@ -67,7 +67,6 @@ class TwistFilter(Frozen):
     covariance: Array
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
         names = ("X_WO", "V_WO", "a_WO", "covariance")
         self._freeze(**{name: np.array(getattr(self, name), dtype=float) for name in names})
 

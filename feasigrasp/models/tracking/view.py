@@ -45,11 +45,7 @@ class ObjectView(Frozen):
     depth: NDArray[Any] | None = None
 
     def __post_init__(self) -> None:
-        """Checks what it is made of.
-
-        Raises:
-            CameraError: An entry has another type or shape, or the image is not the camera's.
-        """
+        """Raises CameraError where types or shapes are wrong, or the image is not the camera's."""
         check_fields(self, CameraError)
         size = self.camera.height, self.camera.width
         if self.depth is not None and (self.depth.shape != size or self.depth.dtype.kind != "f"):
