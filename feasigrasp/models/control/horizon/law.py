@@ -238,7 +238,7 @@ def _selected(
     time, X_OG, score, present, same = now.time, grasps.X_OG, grasps.score, None, -1
     plan = replace(before, time=time)
     if before.X_OG is not None:
-        # So close to the selected one a grasp that is sampled anew is taken for it [m, rad]; guessed.
+        # A grasp that is sampled anew is taken for the selected one if so close [m, rad]; guessed.
         close = np.array([0.012, 0.25])
         errors = np.max(grasp_errors(X_OG, before.X_OG) / close, axis=1, initial=0.0)
         if len(errors) and errors.min() <= 1.0:
