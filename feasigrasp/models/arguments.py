@@ -54,6 +54,7 @@ def checked(
         own = function.__qualname__.removesuffix(".__init__").removesuffix(".__call__")
         parameters = signature(function).parameters.values()
         names = [p.name for p in parameters if p.kind <= Parameter.POSITIONAL_OR_KEYWORD]
+        rest = [p.name for p in parameters if p.kind is Parameter.VAR_POSITIONAL]
         found: list[dict[str, Check]] = []
 
         @wraps(function)
@@ -62,7 +63,8 @@ def checked(
                 found.append(_checks(function))
             checks, values, made = found[0], list(args), Call()
             try:
-                for i, name in enumerate(names[: len(values)]):
+                given = names + rest * (len(values) - len(names))
+                for i, name in enumerate(given[: len(values)]):
                     if name in checks:
                         made.argument = name
                         values[i] = checks[name](values[i], made)
