@@ -171,7 +171,7 @@ def _finger(side: str, sign: float, gripper: ParallelGripper, mesh: Mesh) -> str
 def gripper_urdf(gripper: ParallelGripper, mesh: Mesh = _packaged) -> str:
     """Text of gripper.urdf: base frame = the flange F, grasp frame ``grasp_frame``.
 
-    Meshes by name are ``pad``, whose faces touch, and what is seen of ``gripper_body``,
+    Meshes by name are ``pad``, whose faces touch, and the visible ``gripper_body``,
     ``left_finger`` and ``right_finger``; those of the packaged cell unless given.
 
     Raises:
