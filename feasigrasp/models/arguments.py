@@ -55,24 +55,19 @@ def checked(
         parameters = signature(function).parameters.values()
         names = [p.name for p in parameters if p.kind <= Parameter.POSITIONAL_OR_KEYWORD]
         rest = [p.name for p in parameters if p.kind is Parameter.VAR_POSITIONAL]
-        variable = {p.name for p in parameters if p.kind is Parameter.VAR_KEYWORD}
-        plan: list[tuple[dict[str, Check], list[Check | None]]] = []
+        found: list[dict[str, Check]] = []
 
         @wraps(function)
         def call(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-            if not plan:  # at the first call: annotations may name what is defined later
-                found = {n: c for n, c in _checks(function).items() if n not in variable}
-                plan.append((found, [found.get(name) for name in names]))
-            checks, in_order = plan[0]
-            values, made = list(args), Call()
+            if not found:  # at the first call: annotations may name what is defined later
+                found.append(_checks(function))
+            checks, values, made = found[0], list(args), Call()
             try:
-                for i, check in enumerate(in_order[: len(values)]):
-                    if check is not None:
-                        made.argument = names[i]
-                        values[i] = check(values[i], made)
-                for i, name in enumerate(rest * (len(values) - len(names)), len(names)):
-                    made.argument = name
-                    values[i] = checks[name](values[i], made) if name in checks else values[i]
+                given = names + rest * (len(values) - len(names))
+                for i, name in enumerate(given[: len(values)]):
+                    if name in checks:
+                        made.argument = name
+                        values[i] = checks[name](values[i], made)
                 for name in kwargs:
                     if name in checks:
                         made.argument = name
@@ -133,7 +128,9 @@ def check_of(hint: Any) -> Check | None:
         return _SIMPLE[hint]
     if origin is Annotated:
         quantity: ArrayOf | Number = parts[1]
-        return _in_turn(_SIMPLE[int], quantity.check) if parts[0] is int else quantity.check
+        if parts[0] is not int:
+            return quantity.check
+        return lambda value, made: quantity.check(_SIMPLE[int](value, made), made)
     if origin in (Union, UnionType):
         return _one_of([check_of(part) for part in parts if part is not NoneType], parts)
     if origin is Callable:
@@ -162,10 +159,6 @@ def _instance(cls: Any) -> Check:
     return _required(
         lambda value: isinstance(value, cls) and not isinstance(value, other), f"a {cls.__name__}"
     )
-
-
-def _in_turn(first: Check, second: Check) -> Check:
-    return lambda value, made: second(first(value, made), made)
 
 
 def _one_of(checks: list[Check | None], parts: tuple[Any, ...]) -> Check | None:

@@ -22,16 +22,9 @@ def nearest(word: object, known: Iterable[str]) -> str:
 def parse_choice(
     choices: type[_Choice], value: str, name: str, error: type[FeasigraspError]
 ) -> _Choice:
-    """The member of an enumeration that a word stands for.
+    """The member of an enumeration that a word, or the member itself, stands for.
 
-    Args:
-        choices: The enumeration.
-        value: The word, or the member itself.
-        name: What is chosen, for the message.
-        error: What to raise.
-
-    Raises:
-        FeasigraspError: Of the type ``error``: no such word; the message lists those there are.
+    Raises an ``error`` where there is no such word; its message says what ``name`` may be.
     """
     return choices(parse_word(choices, value, name, error))
 

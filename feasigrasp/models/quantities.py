@@ -30,6 +30,7 @@ class Refusal(FeasigraspError):
     """An invalid value; the catcher adds the name of the argument."""
 
 
+@dataclass(slots=True)
 class Call:
     """The arguments of one call.
 
@@ -38,12 +39,8 @@ class Call:
         lengths: By letter in the shapes how long it is, and which argument showed it.
     """
 
-    __slots__ = ("argument", "lengths")
-
-    def __init__(self) -> None:
-        """Before the first argument."""
-        self.argument = ""
-        self.lengths: dict[str, tuple[int, str]] = {}
+    argument: str = ""
+    lengths: dict[str, tuple[int, str]] = field(default_factory=dict)
 
 
 def shown(value: Any) -> str:
@@ -84,11 +81,7 @@ class ArrayOf:
         object.__setattr__(self, "_tail", self.shape[1:] if leading else ("",))
 
     def check(self, value: Any, call: Call) -> NDArray[Any]:
-        """The array.
-
-        Raises:
-            Refusal: It is none of this shape, kind or range.
-        """
+        """The array; raises `Refusal` where it is none of this shape, kind or range."""
         array = value if isinstance(value, np.ndarray) else self._array(value)
         if array.shape != self.shape and array.shape[-len(self._tail) :] != self._tail:
             self._check_shape(array.shape, call)
@@ -208,19 +201,17 @@ class Number:
         most: Largest value.
         above: Every value is larger than this.
         unbounded: Whether infinity is a value, for no bound.
+        unit: For messages.
     """
 
     least: float = -inf
     most: float = inf
     above: float = -inf
     unbounded: bool = False
+    unit: str = ""
 
     def check(self, value: Any, call: Call) -> Any:
-        """The number.
-
-        Raises:
-            Refusal: It is none, or outside the range.
-        """
+        """The number; raises `Refusal` where it is none, or outside the range."""
         if type(value) is not float and (isinstance(value, bool) or not isinstance(value, Real)):
             raise Refusal(f"is {shown(value)}; give {self}")
         x = float(value)
@@ -233,9 +224,9 @@ class Number:
         """The range."""
         low = f" above {self.above:g}" if self.above > -inf else ""
         low += f" of at least {self.least:g}" if self.least > -inf else ""
-        return f"a{'' if self.unbounded else ' finite'} number{low}" + (
-            f" of at most {self.most:g}" if self.most < inf else ""
-        )
+        high = f" of at most {self.most:g}" if self.most < inf else ""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"a{'' if self.unbounded else ' finite'} number{low}{high}{unit}"
 
 
 # A UR's joints go to a whole turn either way, and drives without limits far beyond.

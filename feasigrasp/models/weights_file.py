@@ -47,12 +47,9 @@ class WeightsFormat:
     def load(
         self, path: str | Path, build: Callable[[dict[str, Any], WeightArrays], _Network]
     ) -> _Network:
-        """Reads what `save` wrote.
+        """Reads what `save` wrote, and makes the network of header and arrays by ``build``.
 
-        Args:
-            path: The file.
-            build: Makes the network of header and arrays; a KeyError, TypeError or ValueError
-                says that these are not its own.
+        That raises a KeyError, TypeError or ValueError where these are not its own.
 
         Raises:
             WeightsError: The file is missing, broken, or of another network.

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from enum import IntEnum
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from feasigrasp.models.objects.distractor_bodies import (
     Distractor,
     DistractorBody,
 )
+from feasigrasp.models.objects.mesh import read_surface
 from feasigrasp.models.objects.motion import BezierMotion, HarmonicMotion, ObjectMotion, bezier_legs
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
@@ -99,7 +101,7 @@ def make_static_obstacles(scenario: Scenario) -> list[StaticObstacle]:
 
     boxes = [StaticObstacle.box(name, box.size, pose(box)) for name, box in cell.boxes.items()]
     meshes = [
-        StaticObstacle.of_file(name, mesh.file, mesh.scale, pose(mesh))
+        StaticObstacle(name, read_surface(Path(mesh.file), mesh.scale), pose(mesh))
         for name, mesh in cell.meshes.items()
     ]
     return boxes + meshes

@@ -32,10 +32,8 @@ class Fault:
     def check(self, name: str) -> None:
         """Checks the values, which are set one by one when a scenario is read.
 
-        Messages call the fault by the name, e.g. ``faults[0]``.
-
-        Raises:
-            ScenarioError: A value out of range, not a number, or a vector that is not x, y and z.
+        Raises ScenarioError, which calls the fault by the name, e.g. ``faults[0]``, for a value out
+        of range, or not a number, or a vector that is not x, y and z.
         """
         for entry in fields(self):
             value, (low, high, _) = getattr(self, entry.name), entry.metadata["span"]
@@ -73,12 +71,9 @@ class PoseFault(Fault):
         return np.concatenate([X_WO[None], past[:-1]])
 
     def measured(self, X_WO: Array, past: Array, rng: np.random.Generator) -> Array:
-        """The faulty measurement.
+        """The faulty measurement, shape (4, 4), in place of ``X_WO``; what is random by ``rng``.
 
-        Args:
-            X_WO: The pose that would have been measured, shape (4, 4).
-            past: Those before, newest first; NaN where there was none, shape (k, 4, 4).
-            rng: What is random is drawn from it.
+        ``past`` are those before, newest first; NaN where there was none, shape (k, 4, 4).
         """
         raise NotImplementedError
 

@@ -23,11 +23,9 @@ class ObjectFault(Fault):
     ramp: float = key(0.2, 0.01, 100.0, "s")
 
     def changes(self, t: float) -> tuple[list[tuple[float, float]], int]:
-        """The changes until time t, and how often the fault has come and gone altogether.
+        """How long ago each change until time t was [s], and 1 for on or -1 for off.
 
-        Returns:
-            How long ago each change was [s], and 1 for on or -1 for off, without those of times
-            that are over; and the number of these.
+        Without those of times that are over altogether; and the number of these.
         """
         n = 1 + int((t - self.start) // self.every) if t > self.start else 0
         found: list[tuple[float, float]] = []

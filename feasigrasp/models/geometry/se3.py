@@ -145,15 +145,9 @@ def random_pose(rng: np.random.Generator, n: Whole) -> Array:
 def extrapolate(
     X_WB: Annotated[ArrayLike, _POSE], V_WB: Annotated[ArrayLike, _TWIST], dt: float
 ) -> Array:
-    """Pose after ``dt`` seconds at a constant spatial velocity.
+    """Pose (4, 4) of a body B after ``dt`` [s] at the twist V_WB (6,), that of its origin.
 
-    Args:
-        X_WB: Pose of body B in the world, shape (4, 4).
-        V_WB: Its angular velocity and the velocity of its origin, in the world, shape (6,).
-        dt: Time [s].
-
-    Returns:
-        Pose, shape (4, 4); the origin moves straight while B turns about it.
+    The origin moves straight while B turns about it.
     """
     X, V = np.array(X_WB, dtype=float), np.asarray(V_WB, dtype=float)
     X[:3, :3] = so3_exp_kernel(V[:3] * dt) @ X[:3, :3]
@@ -165,15 +159,9 @@ def extrapolate(
 def interpolate(
     X_WA: Annotated[ArrayLike, _POSE], X_WB: Annotated[ArrayLike, _POSE], share: float
 ) -> Array:
-    """Pose on the screw from one pose to another.
+    """Pose (4, 4) on the screw from A to B, ``X_WA exp(share log(X_AB))``: 0 is A, 1 is B.
 
-    Args:
-        X_WA: Where it begins, shape (4, 4).
-        X_WB: Where it ends, shape (4, 4); less than half a turn away.
-        share: Share of the way: 0 is A, 1 is B.
-
-    Returns:
-        Pose, shape (4, 4): X_WA exp(share log(X_AB)).
+    B is less than half a turn away.
     """
     X_AB = inverse(X_WA) @ np.asarray(X_WB)
     return np.asarray(np.asarray(X_WA) @ exp(share * log(X_AB)))

@@ -14,6 +14,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
+from feasigrasp.models.numerics.fast_math import TAN_PI_8
 
 #: (1 - atan(x)/x) / x^2 as a polynomial in x^2, |x| <= tan(pi/8): Chebyshev interpolation, 6e-17.
 #: Source: numerical: minimax polynomial.
@@ -22,8 +23,6 @@ _ATAN = (
     *(0.09090904578123903, -0.07692183190826087, 0.06664511447381948, -0.0585814891280221),
     *(0.0508544973794026, -0.03923165829558719, 0.01917688711906226),
 )
-#: tan(pi / 8). Source: formula.
-_TAN_PI_8 = math.sqrt(2.0) - 1.0
 
 
 @compiled
@@ -88,7 +87,7 @@ def half_angle_kernel(w: float, s: float) -> tuple[float, float]:
     ``w`` and ``s`` are the real and the length of the imaginary part of a unit quaternion. Free
     of branches and library calls, so that loops over it can be vectorised.
     """
-    near, far = s <= _TAN_PI_8 * w, w < _TAN_PI_8 * s
+    near, far = s <= TAN_PI_8 * w, w < TAN_PI_8 * s
     x = (s if near else (-w if far else s - w)) / (w if near else (s if far else s + w))
     offset = 0.0 if near else (0.5 * math.pi if far else 0.25 * math.pi)
     z = x * x

@@ -23,12 +23,7 @@ from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.robot.arm import FAMILY, MARGIN, Family
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
-#: Number of steps that shorten the way back from a grasp until no limit is in the way. Source:
-#: numerical.
-_BACKS = 4
-
-
-#: Families as kernels compare them. Source: layout.
+#: Families as kernels compare them.
 _SRS, _PARALLEL, _SEEDED = (float(f) for f in (Family.SRS, Family.PARALLEL, Family.SEEDED))
 
 
@@ -128,9 +123,9 @@ def stand_behind_kernel(chain, X_OG, standoff, X_WO, X_GF, branch, psi, X_WF, q)
     It stands back by the standoff [m], or by less where a joint limit does not allow more. Returns
     how far it is back, and whether it is in reach.
     """
-    back, reached = 0.0, False
-    for step in range(_BACKS + 1):
-        back = standoff * (1.0 - step / _BACKS)
+    back, reached, steps = 0.0, False, 4
+    for step in range(steps + 1):
+        back = standoff * (1.0 - step / steps)
         flange_pose_kernel(X_WO, X_OG, back, X_GF, X_WF)
         reached = solve_kernel(chain, X_WF, branch, psi, q)
         if reached and inside_limits_kernel(chain, q, chain[0, MARGIN]):

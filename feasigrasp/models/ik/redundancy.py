@@ -27,8 +27,6 @@ from feasigrasp.models.robot.arm import UPPER, VELOCITY
 # so that the compiler vectorises them. The shoulder's sign decides joints 1 to 3 alone, the wrist's
 # sign joints 5 to 7: the travel times of the eight branches are maxima of few numbers.
 
-_PI = float(np.pi)
-
 
 class RedundancySamples(NamedTuple):
     """Arm angles, each for both elbow branches, and room for what belongs to them.
@@ -116,8 +114,8 @@ def _triple_times(chain, angle, q, first, margin, plus, minus):
         a, b, c = angle[k], angle[m + k], angle[2 * m + k]
         time = max(_joint_time(a, n1, l1, v1), _joint_time(b, n2, l2, v2))
         plus[k] = max(time, _joint_time(c, n3, l3, v3))
-        a = a - _PI if a > 0.0 else a + _PI
-        c = c - _PI if c > 0.0 else c + _PI
+        a = a - np.pi if a > 0.0 else a + np.pi
+        c = c - np.pi if c > 0.0 else c + np.pi
         time = max(_joint_time(a, n1, l1, v1), _joint_time(-b, n2, l2, v2))
         minus[k] = max(time, _joint_time(c, n3, l3, v3))
 
@@ -161,8 +159,6 @@ def _branch_times(s0, s1, w0, w1, elbow_plus, elbow_minus, time):
             time[3, k] = max(b, d) + tie * min(b, d)
 
 
-#: A full turn [rad]. Source: formula.
-_TWO_PI = 2.0 * np.pi
 #: Rows of the coefficients: x, y of joints 1, 3, 5, 7, then the cosines of joints 2 and 6. Source:
 #: layout.
 _TURNING = (0, 2, 4, 6)
@@ -225,8 +221,8 @@ def _add_zeros(a, b, c, zeros, count):
         return count
     middle, half = np.arctan2(a, b), np.arccos(-c / amplitude)
     for zero in (middle - half, middle + half):
-        zeros[count] = zero + _TWO_PI if zero < 0.0 else zero
-        zeros[count] -= _TWO_PI if zeros[count] >= _TWO_PI else 0.0
+        zeros[count] = zero + 2.0 * np.pi if zero < 0.0 else zero
+        zeros[count] -= 2.0 * np.pi if zeros[count] >= 2.0 * np.pi else 0.0
         count += 1
     return count
 
@@ -294,7 +290,7 @@ def segments_kernel(circle, segments):
     count = _cut(segments)
     if count == 0:
         start[0], count = 0.0, 1
-    start[count] = start[0] + _TWO_PI
+    start[count] = start[0] + 2.0 * np.pi
     some = 0
     for k in range(count):
         branches[k] = _inside(segments, 0.5 * (start[k] + start[k + 1]))

@@ -19,13 +19,8 @@ from feasigrasp.models.numerics.small_cholesky import cholesky_kernel, cholesky_
 from feasigrasp.models.robot.arm import LOWER, SEEDS, UPPER
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
-#: Square of the error that ends the steps, of which there are 14 at most; after six, so does one
-#: that leaves more than this share of it. Source: numerical.
-_SOLVED, _STALLED = 1e-20, 0.9
 #: Errors of place count as this much of an angle [rad/m]. Source: numerical.
 _PLACE = 3.0
-#: lambda over ``|e|^2``. Source: numerical.
-_DAMPING = 0.01
 
 
 @compiled
@@ -53,15 +48,18 @@ def _error_kernel(X_WF, X, e):
 @compiled
 def least_squares_kernel(chain, X_WF, free, q):
     """Moves the first ``free`` joints of ``q`` (n,) to a flange pose; False if they fail."""
+    # Square of the error that ends the steps; after six, so does one that leaves more than this
+    # share of it. And lambda over |e|^2.
+    solved, stalled, damping = 1e-20, 0.9, 0.01
     n = len(chain) - 1
     X, J, e, tool = np.empty((4, 4)), np.empty((6, n)), np.empty(6), np.eye(4)
     A, y, last = np.empty((6, 6)), np.empty(6), np.inf
     for count in range(14):
         pose_jacobian_kernel(chain, q, tool, X, J)
         square = _error_kernel(X_WF, X, e)
-        if square < _SOLVED:
+        if square < solved:
             return True
-        if not square < (np.inf if count < 6 else _STALLED * last):
+        if not square < (np.inf if count < 6 else stalled * last):
             return False
         last = square
         for i in range(3):
@@ -69,7 +67,7 @@ def least_squares_kernel(chain, X_WF, free, q):
                 J[3 + i, j] *= _PLACE
         for i in range(6):
             for k in range(i + 1):
-                A[i, k] = _DAMPING * square + 1e-12 if i == k else 0.0
+                A[i, k] = damping * square + 1e-12 if i == k else 0.0
                 for j in range(free):
                     A[i, k] += J[i, j] * J[k, j]
             y[i] = e[i]

@@ -268,9 +268,9 @@ def closed_form(
         arm: An S-R-S arm.
 
     Returns:
-        Shape (..., 8, 7) [rad]; NaN where the wrist centre is out of reach, or where ``X_WF`` or
-        ``psi`` are not finite. Row ``4 elbow + 2 shoulder + wrist``: 0
-        where joint 4, 2 or 6 is positive, 1 where it is negative.
+        Shape (..., 8, 7) [rad], row ``4 elbow + 2 shoulder + wrist``, each 0 where joint 4, 2 or 6
+        is positive and 1 where it is negative; NaN where the wrist centre is out of reach, or where
+        ``X_WF`` or ``psi`` are not finite.
 
     Raises:
         ArgumentError: ``X_WF`` has another shape or a rotation that is none (within

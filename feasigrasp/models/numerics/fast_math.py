@@ -123,18 +123,14 @@ _C4, _C6, _C8, _C10, _C12, _C14, _C16, _C18 = ((-1.0) ** i / factorial(2 * i) fo
 
 #: Arctangent: the ratio of the smaller to the larger argument, turned by 45 degrees where it
 #: exceeds tan(22.5 deg), is t with |t| <= tan(22.5 deg); there atan(t) / t is a polynomial in t^2.
-#: Source: numerical.
-_TAN_PI_8 = float(np.sqrt(2.0) - 1.0)
-#: Half and quarter of pi. Source: formula.
-_PI, _PI_2, _PI_4 = float(np.pi), float(np.pi / 2), float(np.pi / 4)
-#: Keeps 0 / 0 away; atan2(0, 0) is 0. Source: numerical.
-_TINY = 1e-300
+#: Source: formula.
+TAN_PI_8 = float(np.sqrt(2.0) - 1.0)
 # Interpolation at 13 Chebyshev nodes: remainder below 1e-17, since the nearest singularity of
 # atan(sqrt z) / sqrt z lies at z = -1.
 _A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10, _A11, _A12 = (
     float(c)
     for c in Chebyshev.interpolate(
-        lambda z: np.arctan(np.sqrt(z)) / np.sqrt(z), 12, [0.0, _TAN_PI_8**2]
+        lambda z: np.arctan(np.sqrt(z)) / np.sqrt(z), 12, [0.0, TAN_PI_8**2]
     )
     .convert(kind=Polynomial)
     .coef
@@ -215,10 +211,10 @@ def fast_atan2(y: float, x: float) -> float:
     """
     ax, ay = abs(x), abs(y)
     low, high = min(ax, ay), max(ax, ay)
-    turned = low > _TAN_PI_8 * high
+    turned = low > TAN_PI_8 * high
     numerator = low - high if turned else low
     denominator = low + high if turned else high
-    t = numerator / max(denominator, _TINY)
+    t = numerator / max(denominator, 1e-300)  # keeps 0 / 0 away; atan2(0, 0) is 0
     z = t * t
     p = fused(z, _A12, _A11)
     p = fused(z, p, _A10)
@@ -232,7 +228,7 @@ def fast_atan2(y: float, x: float) -> float:
     p = fused(z, p, _A2)
     p = fused(z, p, _A1)
     p = fused(z, p, _A0)
-    angle = fused(t, p, _PI_4 if turned else 0.0)
-    angle = _PI_2 - angle if ay > ax else angle
-    angle = _PI - angle if x < 0.0 else angle
+    angle = fused(t, p, 0.25 * np.pi if turned else 0.0)
+    angle = 0.5 * np.pi - angle if ay > ax else angle
+    angle = np.pi - angle if x < 0.0 else angle
     return -angle if y < 0.0 else angle

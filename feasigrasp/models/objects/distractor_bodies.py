@@ -27,13 +27,6 @@ class CarrierKind(StrEnum):
     BELT = "belt"
 
 
-#: Along which axis of C a carrier draws back when it has let go.
-WITHDRAWS = {
-    CarrierKind.HAND: np.array([1.0, 0.0, 0.0]),
-    CarrierKind.BELT: np.array([0.0, 0.0, -1.0]),
-}
-
-
 def carrier_mesh(kind: CarrierKind, surface_C: trimesh.Trimesh) -> trimesh.Trimesh:
     """The surface of a carrier, which is not ``none``, in C; from that of the object in C."""
     # Points that stand for a surface.
@@ -144,7 +137,8 @@ class Carrier(DistractorBody):
         surface_C = trimesh.Trimesh(obj.vertices @ R_OC, obj.faces, process=False)
         X_OC = se3.make_pose(R_OC, np.zeros(3))
         mesh = carrier_mesh(kind, surface_C)
-        return cls("carrier", mesh, (*color, 1.0), motion, X_OC, WITHDRAWS[kind])
+        away = [1.0, 0.0, 0.0] if kind is CarrierKind.HAND else [0.0, 0.0, -1.0]
+        return cls("carrier", mesh, (*color, 1.0), motion, X_OC, np.array(away))
 
     def pose(self, t: float, since: float) -> Array:
         """``X_WC`` at time t [s], shape (4, 4); see `DistractorBody`."""

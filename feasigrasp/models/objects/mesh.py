@@ -21,8 +21,6 @@ from feasigrasp.models.objects.mesh_cache import LARGE
 
 #: Faces beyond this number slow contact down without changing a grasp. Source: guessed.
 MAX_FACES = 4000
-#: Of a mesh in more sheets than these no wall is looked for: it is torn. Source: guessed.
-_MOST_SHEETS = 10
 _UNITED, _TURNED = "united bodies that touch or overlap", "normals turned outward"
 
 
@@ -46,8 +44,6 @@ def read_solid(path: Path, scale: float = 1.0) -> tuple[trimesh.Trimesh, tuple[s
         MeshError: If the file is missing or unreadable, has no faces, NaN, open edges, no volume,
             several bodies apart, or a size outside 5 mm to 1 m.
     """
-    if not (np.isfinite(scale) and scale > 0):
-        raise MeshError(f"{path}: scale={scale}; give a positive number such as 0.001 for mm.")
     large = path.is_file() and path.stat().st_size >= LARGE
     with tqdm(total=3, desc=f"reading {path.name}", unit="step", disable=not large) as bar:
         mesh = read_surface(path, scale)
@@ -130,7 +126,7 @@ def _clean(vertices: Array, faces: NDArray[Any]) -> trimesh.Trimesh:
     return mesh
 
 
-def read_surface(path: Path, scale: float = 1.0) -> trimesh.Trimesh:
+def read_surface(path: Path, scale: float) -> trimesh.Trimesh:
     """Reads the surface of a mesh file, open or closed, of one body or several; see `read_solid`.
 
     Raises:
@@ -194,11 +190,7 @@ def _check_closed(mesh: trimesh.Trimesh, path: Path) -> None:
 
 
 def _one_solid(mesh: trimesh.Trimesh, path: Path) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
-    """The solid that closed shells enclose, and what had to be repaired.
-
-    A shell is a connected surface. By volume, largest first, a shell inside the others is the wall
-    of a cavity, or the surface of a solid core if it is wound like the largest; one that meets them
-    is united with them, and a crumb apart is dropped.
+    """The solid that closed shells, connected surfaces, enclose, and what had to be repaired.
 
     Raises:
         MeshError: A shell is open, there are several bodies apart, or there is no volume.
@@ -232,7 +224,12 @@ def _one_solid(mesh: trimesh.Trimesh, path: Path) -> tuple[trimesh.Trimesh, tupl
 
 
 def _joined(shells: list[trimesh.Trimesh], notes: list[str]) -> tuple[trimesh.Trimesh, list[float]]:
-    """What closed shells enclose, and the volumes of its bodies [m^3]; adds to the notes."""
+    """What closed shells enclose, and the volumes of its bodies [m^3]; adds to the notes.
+
+    By volume, largest first, a shell inside the others is the wall of a cavity, or the surface of a
+    solid core if it is wound like the largest; one that meets them is united with them, and a crumb
+    apart is dropped.
+    """
     # Bodies with less than this share of the largest one's volume are crumbs of a scan; a shell of
     # which more than this share is in another body is inside it.
     crumb, inside = 0.01, 0.999
@@ -279,7 +276,8 @@ def _without_wall(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
     loss leaves the most volume.
     """
     label = trimesh.graph.connected_component_labels(mesh.face_adjacency, len(mesh.faces))
-    sheets, closed = range(min(label.max() + 1, _MOST_SHEETS)), []
+    # Of a mesh in more sheets than ten no wall is looked for among the others: it is torn; guessed.
+    sheets, closed = range(min(label.max() + 1, 10)), []
     for wall in (*combinations(sheets, 1), *combinations(sheets, 2)):
         rest = trimesh.Trimesh(mesh.vertices, mesh.faces[~np.isin(label, wall)], process=False)
         rest.remove_unreferenced_vertices()
@@ -307,10 +305,9 @@ def _trimesh(solid: Manifold) -> trimesh.Trimesh:
 
 
 def _crease_normals(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
-    """Angle-weighted vertex normals, shared only by the corners on one side of a crease.
+    """Normals (k, 3), and the index of the normal of every corner of every face (m, 3).
 
-    Returns:
-        Normals (k, 3), and the normal's index of every corner of every face (m, 3).
+    Angle-weighted vertex normals, shared only by the corners on one side of a crease.
     """
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     # Edges sharper than this stay sharp in the shading [rad].

@@ -22,15 +22,11 @@ Solid = tuple[trimesh.Trimesh, tuple[str, ...]]
 
 
 def kept(path: Path, settings: str, make: Callable[[], Solid]) -> Solid:
-    """A mesh and its notes, as they were made of the same file with the same settings before.
+    """A mesh and its notes, as ``make`` made them of the same file and settings before.
 
     Kept in ``$XDG_CACHE_HOME/feasigrasp``, by default ``~/.cache/feasigrasp``, if that can be
-    written to; a file there that is broken is made anew.
-
-    Args:
-        path: The mesh file; a small one is made each time.
-        settings: What the result depends on besides the file.
-        make: Makes it.
+    written to; a file there that is broken is made anew, and what is made of a small mesh file is
+    not kept.
     """
     if not path.is_file() or path.stat().st_size < LARGE:
         return make()

@@ -67,12 +67,7 @@ class HarmonicMotion(ObjectMotion):
     R_WO: Annotated[Array, _ROTATION] = field(default_factory=lambda: np.eye(3))
 
     def __post_init__(self) -> None:
-        """Makes float arrays of whatever was given.
-
-        Raises:
-            ArgumentError: An entry has another shape or is not finite, ``R_WO`` is no rotation, or
-                ``spin_axis`` is zero.
-        """
+        """Makes float arrays; raises ArgumentError where one has another shape or is none."""
         check_fields(self)
         if not self.spin_axis.any():
             raise ArgumentError("HarmonicMotion.spin_axis is zero; give a direction")
@@ -80,8 +75,7 @@ class HarmonicMotion(ObjectMotion):
     @checked()
     def state(self, t: float) -> tuple[Array, Array, Array]:
         """``X_WO`` (4, 4), ``V_WO`` (6,) and the acceleration of the origin (3,) at time t [s]."""
-        X_WO, V_WO, acceleration = motion_kernel(self.parameters, t)
-        return X_WO, V_WO, acceleration
+        return motion_kernel(self.parameters, t)
 
     @cached_property
     def parameters(self) -> Array:
@@ -122,21 +116,14 @@ def motion_kernel(parameters, t):
 ACCELERATION = 3.0
 
 
-def bezier_legs(rng: np.random.Generator, center: Array, size: Array, count: int = 16) -> Array:
-    """Control points of cubic Bezier curves through random places of a box, back to the first.
+def bezier_legs(rng: np.random.Generator, center: Array, size: Array) -> Array:
+    """Control points (16, 4, 3) [m] of cubic Bezier curves through random places of a box.
 
-    A Bezier curve stays in the convex hull of its control points, so the path stays in the box.
-
-    Args:
-        rng: Draws them.
-        center: Middle of the box, shape (3,) [m].
-        size: Its edges, shape (3,) [m].
-        count: How many legs.
-
-    Returns:
-        Shape (count, 4, 3) [m]; every leg starts where the one before ends, in another direction.
+    The box has its middle at ``center`` (3,) and edges of ``size`` (3,) [m]. A Bezier curve stays
+    in the convex hull of its control points, so the path stays in the box. Every leg starts where
+    the one before ends, in another direction, and the last ends where the first starts.
     """
-    low, high = center - 0.5 * size, center + 0.5 * size
+    count, low, high = 16, center - 0.5 * size, center + 0.5 * size
     places = [rng.uniform(low, high)]
     for _ in range(count - 1):
         # Number of places drawn for a leg, which goes to the farthest of them.
@@ -209,18 +196,19 @@ class BezierMotion(ObjectMotion):
     @cached_property
     def _starts(self) -> Array:
         """When each leg begins, and when all of them are over [s], shape (n + 1,)."""
-        durations = [sum(self._profile(float(c.x[-1]))[1:]) + self.stop for c in self._curves]
+        times = [self._profile(float(c.x[-1]))[1:] for c in self._curves]
+        durations = [ramp + keep + ramp + self.stop for ramp, keep in times]
         return np.concatenate([[0.0], np.cumsum(durations)])
 
-    def _profile(self, length: float) -> tuple[float, float, float, float]:
-        """Peak speed on a leg [m/s]; how long it gains, keeps and loses speed [s]."""
+    def _profile(self, length: float) -> tuple[float, float, float]:
+        """Peak speed on a leg [m/s]; how long it gains, or loses, speed, and keeps it [s]."""
         peak = min(self.speed, float(np.sqrt(ACCELERATION * length)))
         ramp = peak / ACCELERATION
-        return peak, ramp, length / peak - ramp, ramp
+        return peak, ramp, length / peak - ramp
 
     def _along(self, length: float, t: float) -> tuple[float, float, float]:
         """Way along a leg at time t of it [m], and two derivatives by time."""
-        peak, gain, keep, _ = self._profile(length)
+        peak, gain, keep = self._profile(length)
         if t < gain:
             return 0.5 * ACCELERATION * t**2, ACCELERATION * t, ACCELERATION
         if t < gain + keep:

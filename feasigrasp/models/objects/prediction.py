@@ -146,17 +146,12 @@ def oscillation_kernel(path, count):
 
 @compiled
 def _now(known, age, p, v):
-    """Velocity and acceleration of one axis.
+    """Velocity and acceleration of one axis, by the `Oscillation` that is known of its path.
 
-    The velocity is ``v``, or that of the oscillation: one of two seconds has much less noise than
-    one of some images. Where the oscillation is not on the path, or not where the object is now,
-    since it has turned or stopped, ``v`` is all there is.
-
-    Args:
-        known: The `Oscillation` of the path.
-        age: Of its newest point [s].
-        p: Where the object is now, relative to that point [m].
-        v: What the filter has [m/s].
+    The velocity is that of the filter, ``v`` [m/s], or that of the oscillation: one of two seconds
+    has much less noise than one of some images. Where the oscillation is not on the path, or not
+    where the object is now, since it has turned or stopped, ``v`` is all there is. The object is at
+    ``p`` [m] relative to the newest point of the path, of the ``age`` [s].
     """
     # An object is on the oscillation of its path as far as it, and the path, are within this [m],
     # and as much further as it moves in this time [s].
@@ -265,11 +260,9 @@ class MotionEstimate(Frozen):
         return X
 
     def predict(self, ahead: ArrayLike, v_WO: ArrayLike | None = None) -> Array:
-        """Poses (k, 4, 4) of the object in the world.
+        """Poses (k, 4, 4) of the object in the world, ``ahead`` (k,) seconds from now.
 
-        Args:
-            ahead: Seconds from now, shape (k,).
-            v_WO: Its velocity now, where a filter of its own is more accurate, shape (3,) [m/s].
+        ``v_WO`` (3,) [m/s] is its velocity now, where a filter of its own is more accurate.
         """
         times = np.ascontiguousarray(ahead, dtype=float).reshape(-1)
         X, V = np.empty((len(times), 4, 4)), np.empty(6)
@@ -282,13 +275,9 @@ class MotionEstimate(Frozen):
 def future_poses(motion: Motion | None, X_WO: Array, V_WO: Array, ahead: ArrayLike) -> Array:
     """Poses (k, 4, 4) of the object ``ahead`` (k,) seconds from now.
 
-    Args:
-        motion: What is known; None if nothing. It predicts how the object goes on from ``X_WO``,
-            which differs a little from where it has it itself.
-        X_WO: Pose now, shape (4, 4). If it is not the one that ``motion`` follows, since the hand
-            is to go somewhere else, it moves on with its twist.
-        V_WO: Twist now [angular; linear], shape (6,).
-        ahead: Times from now on [s].
+    What is known of its motion predicts how it goes on from the pose ``X_WO`` (4, 4), which differs
+    a little from where it has it itself. If nothing is known, or the pose is not the one that is
+    followed, since the hand is to go somewhere else, it moves on with the twist ``V_WO`` (6,).
     """
     times = np.asarray(ahead, dtype=float).reshape(-1)
     if motion is not None and motion.known:
@@ -314,14 +303,9 @@ class PredictionModel(StrEnum):
 def predicted_poses(
     prediction: str, motion: Motion | None, X_WO: Array, V_WO: Array, times: Array
 ) -> Array:
-    """Poses (k, 4, 4) of the object that a plan is made for.
+    """Poses (k, 4, 4) of the object that a plan is made for, by a `PredictionModel`.
 
-    Args:
-        prediction: A `PredictionModel`.
-        motion: What is known of its motion; without it the object keeps its twist at best.
-        X_WO: Pose now, shape (4, 4).
-        V_WO: Twist now [angular; linear], shape (6,).
-        times: From now on, shape (k,) [s].
+    See `future_poses`; ``times`` (k,) [s] are from now on.
     """
     if prediction == PredictionModel.NONE:
         return np.tile(X_WO, (len(times), 1, 1))

@@ -73,11 +73,7 @@ class RigidObject(Frozen):
         return cls(name, mesh.vertices - p_MO, mesh.faces, mass, p_MO, inertia, **about)
 
     def __post_init__(self) -> None:
-        """Checks and freezes the arrays.
-
-        Raises:
-            MeshError: An entry has another shape or kind, or a face names no vertex.
-        """
+        """Freezes the arrays; raises MeshError for a wrong one, or faces that name no vertex."""
         check_fields(self, MeshError)
         if self.faces.size and not 0 <= self.faces.min() <= self.faces.max() < len(self.vertices):
             raise MeshError(
@@ -190,8 +186,7 @@ def _read_once(path: Path, scale: float, state: tuple[int, int] | None) -> Solid
 def find_objects(directory: str | Path) -> dict[str, Path]:
     """Names and mesh files of the objects of a folder, in the order of their names.
 
-    Args:
-        directory: A folder with a catalogue (the YCB layout, see `load_object`) or with mesh files.
+    It has a catalogue (the YCB layout, see `load_object`) or mesh files.
 
     Raises:
         MeshError: If the folder is missing or holds no meshes.
@@ -232,11 +227,7 @@ def _obj_text(vertices: bytes, faces: bytes, tolerance: float | None) -> str:
 
 
 def object_file(name_or_path: str | Path) -> Path:
-    """The mesh file of a built-in object, of a path, or of an entry of a folder's catalogue.
-
-    Raises:
-        MeshError: There is no such object.
-    """
+    """The mesh file of an object as `load_object` takes it; raises MeshError without one."""
     return _resolve(name_or_path)[0]
 
 

@@ -106,14 +106,8 @@ def carried_body(
     """A body on a spring with `DAMPING_RATIO`, along and about every axis.
 
     The time step integrates no stiffer spring than ``m (w/dt)^2`` along an axis, and ``i (w/dt)^2``
-    about a principal axis with the inertia i, with w of `LARGEST_STEP`: there it is softer.
-
-    Args:
-        mass: [kg].
-        I_BBcm: Rotational inertia, as of `DrivenBody`.
-        gravity: Shape (3,) [m/s^2].
-        spring: What holds it.
-        step: Time step of the simulation [s].
+    about a principal axis with the inertia i, with w of `LARGEST_STEP`: there it is softer. Body
+    and ``gravity`` are as of `DrivenBody`, ``step`` [s] is that of the simulation.
     """
     stiffest = (LARGEST_STEP / step) ** 2
     inertia, axes = np.linalg.eigh(I_BBcm)
@@ -145,8 +139,8 @@ def drive_wrench_kernel(state, X_WR, V_WR, acceleration, load, wrench):
         X_WR: Reference pose, shape (4, 4).
         V_WR: Reference twist [angular; linear], shape (6,).
         acceleration: Reference acceleration of the origin, shape (3,) [m/s^2].
-        load: The body and its spring.
-        wrench: Receives the result, shape (6,).
+        load: A `DrivenBody`.
+        wrench: Written, shape (6,).
     """
     R_WB = np.empty((3, 3))
     rotation_kernel(state[:4], R_WB)

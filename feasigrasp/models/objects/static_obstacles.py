@@ -6,7 +6,6 @@ nearest, and a lower bound of it beside edges and corners.
 """
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -16,10 +15,8 @@ from scipy.spatial import ConvexHull, QhullError
 
 from feasigrasp.errors import MeshError
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.objects.mesh import obj_text, read_surface
+from feasigrasp.models.objects.mesh import obj_text
 
-#: Coordinates of half spaces are the same if they differ by less. Source: numerical.
-_SAME = 1e-6
 _URDF = """<?xml version="1.0"?>
 <robot name="{name}" xmlns:drake="http://drake.mit.edu">
   <link name="{name}">
@@ -63,11 +60,7 @@ class StaticObstacle(Frozen):
     half_spaces: tuple[Array, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Finds the convex parts.
-
-        Raises:
-            MeshError: A part is flat.
-        """
+        """Finds the convex parts; raises MeshError for a flat one."""
         self._freeze(X_WB=np.array(self.X_WB, dtype=float))
         pieces = self.mesh.split(only_watertight=False)
         R, p = self.X_WB[:3, :3], self.X_WB[:3, 3]
@@ -82,7 +75,8 @@ class StaticObstacle(Frozen):
             parts.append(trimesh.Trimesh(piece.vertices, hull.simplices).convex_hull)
             n, d = hull.equations[:, :3] @ R.T, hull.equations[:, 3]
             rows = np.column_stack([n, d - n @ p])
-            _, kept = np.unique(np.round(rows / _SAME), axis=0, return_index=True)
+            # Rows that differ by less are the same.
+            _, kept = np.unique(np.round(rows / 1e-6), axis=0, return_index=True)
             planes.append(rows[kept])
         object.__setattr__(self, "parts", tuple(parts))
         object.__setattr__(self, "half_spaces", tuple(planes))
@@ -91,15 +85,6 @@ class StaticObstacle(Frozen):
     def box(cls, name: str, size: ArrayLike, X_WB: Array) -> Self:
         """A box with edges of a size (3,) [m] about the origin of B."""
         return cls(name, trimesh.creation.box(np.asarray(size, dtype=float)), X_WB)
-
-    @classmethod
-    def of_file(cls, name: str, file: str | Path, scale: float, X_WB: Array) -> Self:
-        """A mesh of a file; ``scale`` is the factor from its unit to metres.
-
-        Raises:
-            MeshError: The file cannot be read, or a part of the mesh is flat.
-        """
-        return cls(name, read_surface(Path(file), scale), X_WB)
 
     @property
     def bounds(self) -> Array:

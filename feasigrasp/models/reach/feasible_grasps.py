@@ -68,16 +68,9 @@ def feasible_grasps(
     way in" if the pose behind it is not, else "out of reach soon". One that costs too much has
     "better grasps in reach".
 
-    Args:
-        grasps: Grasps in the object frame.
-        now: Arm and object.
-        reachability: Hand, limits and clearances.
-        options: Instants, limits and weights.
-        symmetric_grasps: Whether the flip of a grasp counts as another.
-        kept_before: Ids of the grasps that were kept last.
-
-    Raises:
-        ReachabilityError: An argument of another type or shape.
+    Grasps are in the object frame. The flip of a ``symmetric_grasps`` counts as another, and
+    ``kept_before`` (k,) are ids of those that were kept last. Raises ReachabilityError for an
+    argument of another type or shape.
     """
     both = grasps.with_symmetric() if symmetric_grasps else grasps
     if len(both) == 0 or not now.known:

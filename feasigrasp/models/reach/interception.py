@@ -64,8 +64,6 @@ from feasigrasp.models.robot.arm import ACCELERATION, VELOCITY
 #: An arm that is late by less than this is in time: the errors of an arm that follows [s]. Source:
 #: guessed.
 _IN_TIME = 0.04
-#: Scores below this count as this. Source: guessed.
-_LEAST_SCORE = 0.05
 #: Branch and arm angle [rad]. Source: layout.
 _CONFIGURATION = tuple[Annotated[int, Number(least=0)], float]
 
@@ -128,11 +126,7 @@ class InterceptionOptions:
 
     @checked(ReachabilityError)
     def times(self, now: float) -> Array:
-        """The instants from now on [s]: multiples of ``step``, so that none recedes.
-
-        Args:
-            now: The time [s].
-        """
+        """The instants from a time on [s]: multiples of ``step``, so that none recedes."""
         start = float(np.ceil(now / self.step - 1e-6) * self.step - now)
         return np.maximum(start, 0.0) + self.step * np.arange(self.instants)
 
@@ -203,30 +197,16 @@ def find_interceptions(
     options: InterceptionOptions,
     present: _CONFIGURATION | None = None,
 ) -> Interceptions:
-    """Interceptions of grasps, each by its own best configuration.
+    """Interceptions of grasps X_OG (n, 4, 4) of a score (n,), each by its best configuration.
 
-    Args:
-        X_OG: Grasps in the object frame, shape (n, 4, 4) [m].
-        score: Their scores, shape (n,).
-        now: Arm and object.
-        reachability: Hand, limits and clearances.
-        options: Instants, limits and weights.
-        present: Branch and arm angle [rad] to which the last grasp is bound; None if it is not.
-
-    Raises:
-        ReachabilityError: An argument of another type or shape, or a pose that is none.
+    The last grasp is bound to the ``present`` branch and arm angle [rad], if there is one. Raises
+    ReachabilityError for an argument of another type or shape, or a pose that is none.
     """
     n, times = len(X_OG), options.times(now.time)
     if len(now.q) != reachability.arm.joints:
         raise ReachabilityError(f"now.q has {len(now.q)} entries, not one per joint of the arm")
-    found = Interceptions(
-        np.full(n, np.inf),
-        np.full(n, np.inf),
-        np.zeros((n, reachability.arm.joints)),
-        np.zeros((n, reachability.arm.joints)),
-        np.full(n, -1),
-        np.zeros(n),
-    )
+    cost, q = np.full(n, np.inf), np.zeros((n, reachability.arm.joints))
+    found = Interceptions(cost, cost.copy(), q, q.copy(), np.full(n, -1), np.zeros(n))
     ahead = _Ahead(
         np.array(now.future(times), dtype=float),
         float(times[0]),
@@ -239,7 +219,7 @@ def find_interceptions(
     )
     bound = (-1, 0.0) if present is None else present
     _interceptions_kernel(ahead, np.array(X_OG, dtype=float), *bound, found)
-    worth = options.score * np.log(np.clip(score, _LEAST_SCORE, 1.0))
+    worth = options.score * np.log(np.clip(score, 0.05, 1.0))  # lower scores count so; guessed
     return found._replace(cost=found.cost - worth)
 
 

@@ -119,13 +119,9 @@ class Reachability(Frozen):
     ) -> tuple[Array, Array]:
         """The admissible configuration for each hand pose that is soonest reached from ``q``.
 
-        Args:
-            X_WG: Hand poses in the base frame, shape (n, 4, 4) [m].
-            q: Present joint positions [rad], shape (7,).
-
-        Returns:
-            Configurations (n, 7) [rad], NaN where there is none, and travel times (n,) [s],
-            ``max_j |dq_j| / v_j``, infinite where there is none.
+        Of hand poses (n, 4, 4) in the base frame and present joint positions ``q`` (7,) [rad]:
+        configurations (n, 7) [rad], NaN where there is none, and travel times (n,) [s],
+        ``max_j |dq_j| / v_j``, infinite where there is none.
         """
         X_WF = self.flange(X_WG)
         found, times = np.full((len(X_WF), self.arm.joints), np.nan), np.empty(len(X_WF))
@@ -167,9 +163,7 @@ def _make_search(reachability: Reachability) -> Search:
     ends[capsules.link == 1] += arm.points[0]
     low, high = capsules.pairs.T
     decided = (around | (capsules.link == 0))[low] & (capsules.link[high] == arm.joints)
-    undecided = capsules._replace(
-        movers=capsules.movers[capsules.link[capsules.movers] < arm.joints]
-    )
+    movers = capsules.movers[capsules.link[capsules.movers] < arm.joints]
     X_FL = se3.inverse(arm.X_LF)
     return Search(
         chain=arm.chain,
@@ -179,7 +173,7 @@ def _make_search(reachability: Reachability) -> Search:
         clearance=float(reachability.clearance),
         floor=float(reachability.table_height + reachability.table_clearance),
         capsules=capsules,
-        open=undecided.with_pairs(capsules.pairs[~decided]),
+        open=capsules._replace(movers=movers).with_pairs(capsules.pairs[~decided]),
         hand=np.flatnonzero(capsules.link == arm.joints),
         on_flange=capsules.ends @ X_FL[:3, :3].T + X_FL[:3, 3],
         fixed=ends,

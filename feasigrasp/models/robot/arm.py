@@ -47,14 +47,9 @@ class Family(IntEnum):
 
 
 def meeting_point(axes: Array, points: Array) -> tuple[Array, float]:
-    """The point nearest to lines in the sense of least squares, and the farthest of them from it.
+    """The point (3,) [m] nearest to lines by least squares, and the largest distance from it [m].
 
-    Args:
-        axes: Their directions, shape (k, 3).
-        points: A point on each, shape (k, 3) [m].
-
-    Returns:
-        Shape (3,) [m]; and a distance [m].
+    The lines have the directions ``axes`` (k, 3), and each a point of ``points`` (k, 3) [m].
     """
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     meeting = np.linalg.lstsq(across.sum(0), np.einsum("kij,kj->i", across, points))[0]
@@ -148,7 +143,7 @@ class Arm(Frozen):
 
     def __post_init__(self) -> None:
         """Checks the arrays, or raises ArgumentError, and lays them out for kernels."""
-        check_fields(self, ArgumentError)
+        check_fields(self)
         arrays = {k: np.array(v) for k, v in vars(self).items() if isinstance(v, np.ndarray)}
         if not np.allclose(np.linalg.norm(self.axes, axis=1), 1.0, rtol=0.0, atol=1e-9):
             raise ArgumentError(f"Arm.axes = {self.axes.tolist()}; give unit vectors")
@@ -172,10 +167,8 @@ class Arm(Frozen):
         joints[:, DIRECTION : DIRECTION + 3] = self.axes
         chain[:, OFFSET:LOWER] = np.diff([np.zeros(3), *self.points, self.X_WF[:3, 3]], axis=0)
         joints[:, LOWER], joints[:, UPPER] = self.lower, self.upper
-        joints[:, VELOCITY], joints[:, ACCELERATION] = (
-            self.velocity_limits,
-            self.acceleration_limits,
-        )
+        joints[:, VELOCITY] = self.velocity_limits
+        joints[:, ACCELERATION] = self.acceleration_limits
         joints[:, EFFORT] = self.effort_limits
         joints[:, COMMANDED] = self.acceleration_share * self.acceleration_limits
         joints[:, MARGIN] = self.position_margin
@@ -212,11 +205,7 @@ class Arm(Frozen):
         return seeds
 
     def _meeting(self, *joints: int) -> Array:
-        """The point where axes meet [m].
-
-        Raises:
-            ArgumentError: They do not.
-        """
+        """The point where axes meet [m]; raises ArgumentError if they do not."""
         meeting, apart = meeting_point(self.axes[[*joints]], self.points[[*joints]])
         if apart > MEETING_TOLERANCE:
             raise ArgumentError(
@@ -282,9 +271,7 @@ class Arm(Frozen):
     def braking_rate(self, speed: Positive, acceleration_share: Positive) -> float:
         """Acceleration over velocity of the joint that takes longest to stop [1/s].
 
-        Args:
-            speed: Share of the velocity limits that the joints have.
-            acceleration_share: Share of the acceleration limits that they brake with.
+        Of both limits the joints have these shares: they are so fast, and brake so hard.
         """
         brakes = acceleration_share * self.acceleration_limits
         return float(np.min(brakes / (speed * self.velocity_limits)))

@@ -69,8 +69,7 @@ def close_pairs(arm: Arm) -> list[tuple[int, int]]:
     model = capsule_model(None, arm, body_pairs=possible)
     bodies = [capsule.body for capsule in arm.capsules + hand_capsules(None, arm)]
     Q = arm.random_positions(np.random.default_rng(0), 1000)
-    nearest: dict[tuple[int, int], float] = {}
-    touches: dict[tuple[int, int], int] = {}
+    gaps: dict[tuple[int, int], list[float]] = {pair: [] for pair in possible}
     for q in Q:
         points = [tuple(map(tuple, pair)) for pair in model.placed(q).tolist()]
         close: dict[tuple[int, int], float] = {}
@@ -80,10 +79,10 @@ def close_pairs(arm: Arm) -> list[tuple[int, int]]:
             gap = float(np.linalg.norm(d)) - model.radius[i] - model.radius[j]
             close[pair] = min(gap, close.get(pair, np.inf))
         for pair, gap in close.items():
-            nearest[pair] = min(gap, nearest.get(pair, np.inf))
-            touches[pair] = touches.get(pair, 0) + (gap < 0.0)
+            gaps[pair].append(gap)
     return [
         pair
-        for pair in possible
-        if nearest.get(pair, np.inf) < _NEVER_NEAR and touches[pair] < _BUILT_SO * len(Q)
+        for pair, found in gaps.items()
+        if min(found, default=np.inf) < _NEVER_NEAR
+        and sum(gap < 0.0 for gap in found) < _BUILT_SO * len(Q)
     ]

@@ -86,11 +86,7 @@ def _described(text: str) -> Arm:
 
 
 def arm_from(given: dict[str, Any]) -> Arm:
-    """The arm that the content of a file describes.
-
-    Raises:
-        FeasigraspError: It describes none.
-    """
+    """The arm that the content of a file describes; raises FeasigraspError for none."""
     check: Any = check_of(_FILE)
     check(given, Call())
     joints, links, flange = given["joints"], given["links"], given["flange"]
@@ -107,9 +103,7 @@ def arm_from(given: dict[str, Any]) -> Arm:
     inertias = [(link["mass"], *link["com"], *link["inertia"]) for link in links]
     return Arm(
         name=given["name"],
-        X_WF=se3.make_pose(
-            np.array(flange["axes"], dtype=float).T, np.array(flange["point"], dtype=float)
-        ),
+        X_WF=se3.make_pose(np.array(flange["axes"], dtype=float).T, flange["point"]),
         driver=DriverLimits(
             lower=numbers["lower"] + margin,
             upper=numbers["upper"] - margin,

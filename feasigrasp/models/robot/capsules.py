@@ -89,11 +89,11 @@ def hand_capsules(gripper: Gripper | None = None, arm: Arm = IIWA_7) -> tuple[Ca
     reach_x, reach_y, _ = gripper.reach
     guide = np.array([reach_x, reach_y, palm_z]) + (0.003, 0.003, 0.0)
     palm_radius = 1.1 * max(np.hypot(palm_y, palm_z), np.hypot(*guide[1:]))
-    palm_half = max(
+    halves = (
         half - np.sqrt(palm_radius**2 - y**2 - palm_z**2)
         for half, y in ((palm_x, palm_y), (guide[0], guide[1]))
     )
-    palm_half = max(palm_half, 0.001)
+    palm_half = max(*halves, 0.001)
     middle = gripper.heel - palm_z
     length, height, depth = gripper.camera_box
     _, y, z = gripper.camera_center
@@ -133,14 +133,9 @@ def capsule_model(
     with_hand: bool = True,
     body_pairs: Sequence[tuple[int, int]] | None = None,
 ) -> CapsuleModel:
-    """The arrays of an arm, and of its hand unless ``with_hand`` is false.
+    """The arrays of an arm, and of its hand, by default the packaged one, unless without.
 
-    Args:
-        gripper: The hand; the default one if not given.
-        arm: The arm.
-        with_hand: Whether there is a hand.
-        body_pairs: Pairs of bodies to check, the one nearer to the base first; those of
-            `body_pairs_of` if not given.
+    Checked are pairs of bodies, the one nearer to the base first: `body_pairs_of`, if not given.
     """
     body_pairs = body_pairs_of(gripper, arm) if body_pairs is None else body_pairs
     capsules = arm.capsules + (hand_capsules(gripper, arm) if with_hand else ())

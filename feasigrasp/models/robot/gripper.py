@@ -6,7 +6,7 @@ view of the room for a hand take them from there, so nothing is trained anew for
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,10 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.quantities import NotNegative
+from feasigrasp.models.quantities import NotNegative, Number
+
+#: What a hand may have in metres.
+Length = Annotated[float, Number(above=0.0, most=1.0, unit="m")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +42,9 @@ class Gripper(Frozen, ABC):
     """
 
     heel: float = -0.050
-    palm_size: tuple[float, float, float] = (0.082, 0.079, 0.065)
-    tool_offset: float = 0.18
-    camera_box: tuple[float, float, float] = (0.090, 0.031, 0.031)
+    palm_size: tuple[Length, Length, Length] = (0.082, 0.079, 0.065)
+    tool_offset: Length = 0.18
+    camera_box: tuple[Length, Length, Length] = (0.090, 0.031, 0.031)
     camera_center: tuple[float, float, float] = (0.0, 0.085, -0.105)
     camera_tilt: float = np.deg2rad(15.0)
     X_FG: Array = field(init=False, repr=False)
@@ -49,7 +52,27 @@ class Gripper(Frozen, ABC):
     def __post_init__(self) -> None:
         """Checks the sizes and derives the pose of the grasp frame in the flange frame."""
         check_fields(self, GraspError)
-        self._check()
+        name = type(self).__name__
+        if not -1 < self.heel < 0:
+            raise GraspError(
+                f"{name}.heel = {self.heel}: it lies behind the pad centre; give a "
+                "negative z in metres"
+            )
+        if not (np.abs(self.camera_center) < 1.0).all():
+            raise GraspError(
+                f"{name}.camera_center = {self.camera_center}: give x, y, z in metres, "
+                "each within 1 m of the pad centre"
+            )
+        if not abs(self.camera_tilt) < np.pi / 2:
+            raise GraspError(
+                f"{name}.camera_tilt = {self.camera_tilt}: give an angle in radians, "
+                "below a quarter of a turn"
+            )
+        if self.tool_offset < self.palm_size[2] - self.heel - 1e-9:
+            raise GraspError(
+                f"{name}: the palm ends {self.palm_size[2] - self.heel:.3f} m behind the "
+                f"pad centre, the flange is only tool_offset = {self.tool_offset} m behind it"
+            )
         X_FG = np.eye(4)
         X_FG[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]  # closing direction x_G along y_F
         X_FG[2, 3] = self.tool_offset
@@ -101,42 +124,6 @@ class Gripper(Frozen, ABC):
         box = box_skin([0.0, 0.0, self.heel - palm[2] / 2], palm, 0.015)
         return np.concatenate([box, box_skin(self.camera_center, np.array(self.camera_box), 0.015)])
 
-    def _check(self) -> None:
-        name = type(self).__name__
-        for key in sorted(self._LENGTHS):
-            value = np.array(getattr(self, key))
-            if not ((value > 0.0) & (value < 1.0)).all():
-                what = "three lengths" if value.ndim else "a length"
-                raise GraspError(
-                    f"{name}.{key} = {getattr(self, key)}: give {what} between 0 and 1 m (metres?)"
-                )
-        for key, unit in self._POSITIVE.items():
-            if not (value := getattr(self, key)) > 0.0:
-                raise GraspError(f"{name}.{key} = {value}: give a positive number{unit}")
-        if not -1 < self.heel < 0:
-            raise GraspError(
-                f"{name}.heel = {self.heel}: it lies behind the pad centre; give a "
-                "negative z in metres"
-            )
-        if not (np.abs(self.camera_center) < 1.0).all():
-            raise GraspError(
-                f"{name}.camera_center = {self.camera_center}: give x, y, z in metres, "
-                "each within 1 m of the pad centre"
-            )
-        if not abs(self.camera_tilt) < np.pi / 2:
-            raise GraspError(
-                f"{name}.camera_tilt = {self.camera_tilt}: give an angle in radians, "
-                "below a quarter of a turn"
-            )
-        if self.tool_offset < self.palm_size[2] - self.heel - 1e-9:
-            raise GraspError(
-                f"{name}: the palm ends {self.palm_size[2] - self.heel:.3f} m behind the "
-                f"pad centre, the flange is only tool_offset = {self.tool_offset} m behind it"
-            )
-
-    _LENGTHS: ClassVar[frozenset[str]] = frozenset({"palm_size", "camera_box", "tool_offset"})
-    _POSITIVE: ClassVar[dict[str, str]] = {}
-
 
 @dataclass(frozen=True, eq=False)
 class ParallelGripper(Gripper):
@@ -154,13 +141,11 @@ class ParallelGripper(Gripper):
             as wide as the finger and reaches from ``-tip`` to ``tip``.
     """
 
-    max_opening: float = 0.085
-    finger_thickness: float = 0.015
-    finger_width: float = 0.030
-    tip: float = 0.025
-    grip_force: float = 40.0
-    _LENGTHS = Gripper._LENGTHS | {"max_opening", "finger_thickness", "finger_width", "tip"}
-    _POSITIVE = {"grip_force": " in N"}
+    max_opening: Length = 0.085
+    finger_thickness: Length = 0.015
+    finger_width: Length = 0.030
+    tip: Length = 0.025
+    grip_force: Annotated[float, Number(above=0.0, unit="N")] = 40.0
 
     @property
     def reach(self) -> tuple[float, float, float]:

@@ -90,7 +90,7 @@ _COLLISION = """    <collision name="{name}">
 _JOINT = """  <joint name="{side}_finger_joint" type="prismatic">
     <parent link="gripper_body" />
     <child link="{side}_finger" />
-    <origin xyz="{grasp}" rpy="0 0 1.570796327" />
+    <origin xyz="{grasp}" rpy="{turn}" />
     <axis xyz="{sign} 0 0" />
     <limit lower="0" upper="{upper}" velocity="{velocity}" effort="{effort}" />
 {mimic}  </joint>
@@ -168,14 +168,11 @@ def _finger(side: str, sign: float, gripper: ParallelGripper, mesh: Mesh) -> str
     return _link(name, FINGER_MASS, center, size, mesh(name), pad + bone)
 
 
-def gripper_urdf(gripper: ParallelGripper, mesh: Mesh | None = None) -> str:
+def gripper_urdf(gripper: ParallelGripper, mesh: Mesh = _packaged) -> str:
     """Text of gripper.urdf: base frame = the flange F, grasp frame ``grasp_frame``.
 
-    Args:
-        gripper: The hand.
-        mesh: Where the files of the meshes are, by name: ``pad``, whose faces touch, and what is
-            seen of ``gripper_body``, ``left_finger`` and ``right_finger``; those of the packaged
-            cell unless given.
+    Meshes by name are ``pad``, whose faces touch, and the visible ``gripper_body``,
+    ``left_finger`` and ``right_finger``; those of the packaged cell unless given.
 
     Raises:
         GraspError: The fingers are no thicker than the pads on them.
@@ -185,7 +182,6 @@ def gripper_urdf(gripper: ParallelGripper, mesh: Mesh | None = None) -> str:
             f"ParallelGripper.finger_thickness = {gripper.finger_thickness}: in simulation it has "
             f"to be more than that of the pad on it, {PAD_THICKNESS} m"
         )
-    mesh = mesh or _packaged
     links = _body(gripper, BODY_MASS, mesh)
     links += "".join(_finger(side, sign, gripper, mesh) for side, sign in SIDES)
     grasp, joints = _numbers(gripper.X_FG[:3, 3]), ""
@@ -196,13 +192,13 @@ def gripper_urdf(gripper: ParallelGripper, mesh: Mesh | None = None) -> str:
             side=side,
             sign=_number(sign),
             grasp=grasp,
+            turn=_TURN,
             upper=_number(gripper.max_opening / 2),
             velocity=0.2,
             effort=_number(2.0 * gripper.grip_force if left else 0.0),
             mimic="" if left else _MIMIC,
         )
-    names = ("gripper_body", "left_finger", "right_finger")
-    members = "".join(map(_MEMBER.format, names))
+    members = "".join(map(_MEMBER.format, ("gripper_body", "left_finger", "right_finger")))
     return _robot(links, gripper, members, joints + _TRANSMISSION)
 
 

@@ -23,16 +23,10 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 
 @compiled
 def arm_condition_kernel(chain, q, v):
-    """Three figures of one state of the arm.
+    """Three figures of an arm with joint positions q (n,) [rad] and velocities v (n,) [rad/s].
 
-    Args:
-        chain: That of the `Arm`.
-        q: Joint positions [rad], shape (n,).
-        v: Joint velocities [rad/s], shape (n,).
-
-    Returns:
-        Smallest distance to a joint limit, negative beyond it [rad]; largest joint speed over its
-        limit; manipulability sqrt(det J J^T).
+    Smallest distance to a joint limit, negative beyond it [rad]; largest joint speed over its
+    limit; manipulability sqrt(det J J^T).
     """
     margin, ratio = np.inf, 0.0
     for i in range(len(q)):

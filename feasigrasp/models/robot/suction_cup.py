@@ -1,6 +1,7 @@
 """Suction cups."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,8 +9,8 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.quantities import NotNegative
-from feasigrasp.models.robot.gripper import Gripper
+from feasigrasp.models.quantities import NotNegative, Number, Positive
+from feasigrasp.models.robot.gripper import Gripper, Length
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,15 +32,13 @@ class SuctionCup(Gripper):
         friction: Coulomb friction of the lip.
     """
 
-    radius: float = 0.015
-    height: float = 0.012
-    stem_radius: float = 0.010
-    press: float = 0.002
-    max_strain: float = 0.05
-    vacuum: float = 60e3
-    friction: float = 0.5
-    _LENGTHS = Gripper._LENGTHS | {"radius", "height", "stem_radius", "press"}
-    _POSITIVE = {"max_strain": "", "vacuum": " in Pa", "friction": ""}
+    radius: Length = 0.015
+    height: Length = 0.012
+    stem_radius: Length = 0.010
+    press: Length = 0.002
+    max_strain: Positive = 0.05
+    vacuum: Annotated[float, Number(above=0.0, unit="Pa")] = 60e3
+    friction: Positive = 0.5
 
     @property
     def max_opening(self) -> float:

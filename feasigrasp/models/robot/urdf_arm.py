@@ -19,8 +19,6 @@ from feasigrasp.models.robot.arm import MEETING_TOLERANCE, meeting_point
 #: Axes that are off a coordinate axis by less are along it: digits of model files [rad]. Source:
 #: numerical.
 _ALONG = 1e-4
-#: Without an acceleration limit a joint reaches its speed limit in this time [s]. Source: guessed.
-_SPEED_UP = 0.3
 
 
 @dataclass
@@ -139,9 +137,8 @@ def _described(robot: ET.Element, file: Path, flange: str) -> dict[str, Any]:
             raise ArgumentError(f"{file}: the joints from {flange} to the base go in a circle")
         path.append(above[link])
         link = _value(above[link], "parent", "link")
-    root = link
     moving = [joint for joint in reversed(path) if joint.get("type") != "fixed"]
-    X_of, number = {root: np.eye(4)}, {root: 0}
+    X_of, number = {link: np.eye(4)}, {link: 0}  # that is the base now
     joints: list[dict[str, Any]] = []
     for joint in reversed(path):
         parent, child = _value(joint, "parent", "link"), _value(joint, "child", "link")
@@ -213,7 +210,7 @@ def _joint(joint: ET.Element, X_WL: Array) -> dict[str, Any]:
         "lower": lower,
         "upper": upper,
         "velocity": velocity,
-        "acceleration": _plain(velocity / _SPEED_UP, 4),
+        "acceleration": _plain(velocity / 0.3, 4),  # it reaches its speed limit in 0.3 s; guessed
         "effort": effort,
     }
 

@@ -66,9 +66,6 @@ MATERIALS = {
     "shiny": Material(0.2, 0.008),
     "transparent": Material(0.6, 0.012),
 }
-#: Standard deviation of the window on the pixels: that of the matcher, at a third of the full
-#: resolution [px]. Source: guessed.
-_PATTERN = 3.0
 #: Nodes along an axis after which the field on surfaces repeats, a power of two; cells per
 #: correlation length. Source: numerical.
 _NODES, _CELLS = 64, 1.5
@@ -84,21 +81,16 @@ class CameraErrors:
 
     @checked(CameraError)
     def __init__(self, noise: DepthNoise, seed: Whole, size: tuple[Count, Count]) -> None:
-        """Draws the errors.
+        """Draws errors of such sizes, by the camera's seed, for images of a height and width [px].
 
-        Args:
-            noise: Their sizes.
-            seed: Of the camera.
-            size: Height and width of its images [px].
-
-        Raises:
-            CameraError: An argument of another type or range.
+        Raises CameraError for an argument of another type or range.
         """
         rng = np.random.default_rng([seed, _CAMERA])
         self._noise = noise
         self.scale = 1.0 + noise.scale_error * float(rng.standard_normal())
         self.bias = noise.bias * float(rng.standard_normal())
-        self._pattern = correlated(rng.standard_normal(size), _PATTERN)
+        # The window is that of the matcher, at a third of the full resolution: 3 px; guessed.
+        self._pattern = correlated(rng.standard_normal(size), 3.0)
         self._field = _periodic_field(rng)
 
     @checked(CameraError)
@@ -156,17 +148,10 @@ def _periodic_field(rng: np.random.Generator) -> Floats:
 
 @compiled(nogil=True)
 def _surface_kernel(depth, on_object, intrinsics, poses, fields, error, holes):
-    """Adds the errors of surfaces to those of pixels, and marks the holes.
+    """Adds the errors of surfaces to those of pixels, marks the holes; see `CameraErrors.fixed`.
 
-    Args:
-        depth: True depths, shape (h, w) [m].
-        on_object: Which pixels show the object.
-        intrinsics: fx, fy, cx, cy [px].
-        poses: Of the camera in the world and in the object, shape (2, 4, 4).
-        fields: The field; cells per metre of errors and of holes for world and object (2, 2); least
-            value of the field where there is a hole, (2,).
-        error: Added to, shape (h, w).
-        holes: Written.
+    ``fields`` are the field; cells per metre of errors and of holes, for world and object, (2, 2);
+    least value of the field where there is a hole, (2,).
     """
     fx, fy, cx, cy = intrinsics
     field, cells, least = fields

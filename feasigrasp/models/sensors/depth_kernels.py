@@ -6,24 +6,14 @@ import numpy as np
 
 from feasigrasp.models.compiled import compiled
 
-#: Errors grow no further where a surface is seen at a smaller cosine than this: it is hardly
-#: measured. Source: guessed.
-LEAST_COSINE = 0.1
-
 
 @compiled(nogil=True)
 def edges_kernel(inverse, threshold, partner, edge):
     """The most different inverse depth among each pixel's four neighbours, and where it is an edge.
 
-    A neighbour whose inverse depth is NaN is no partner.
-
-    Images have shape (h, w); inverse depths are NaN where they are not known [1/m].
-
-    Args:
-        inverse: Inverse depths.
-        threshold: Neighbours that differ by more are an edge [1/m].
-        partner: Is given the inverse depth of the partner, its own where there is none.
-        edge: Is given whether it is an edge.
+    Images have shape (h, w); inverse depths are NaN where they are not known [1/m]: that is no
+    partner. Neighbours that differ by more than the threshold [1/m] are an edge. ``partner`` is
+    given the inverse depth of the partner, its own where there is none.
     """
     h, w = inverse.shape
     for i in range(h):
@@ -40,17 +30,7 @@ def edges_kernel(inverse, threshold, partner, edge):
 
 @compiled(nogil=True)
 def smear_kernel(inverse, threshold, partner, edge):
-    """Partners and edge pixels, each edge wider by a pixel on the surface that it ends.
-
-    Args:
-        inverse: Inverse depths.
-        threshold: As in `edges_kernel`.
-        partner: Partners up to here.
-        edge: Edges up to here.
-
-    Returns:
-        Both anew.
-    """
+    """Partners and edges of `edges_kernel` anew, each wider by a pixel on the surface it ends."""
     h, w = inverse.shape
     wider, partners = edge.copy(), partner.copy()
     for i in range(h):
@@ -72,13 +52,8 @@ def cosine_kernel(inverse, valid, intrinsics, cosine):
     On a plane the inverse depth is linear in the image, ``1/z = a x + b y + c`` with
     ``x = (u - cx) / fx`` and ``y = (v - cy) / fy``, and (a, b, c) is along its normal: exact for
     planes. Of the two differences to either side the smaller one counts, so that an edge does not
-    look like a slope.
-
-    Args:
-        inverse: Inverse depths.
-        valid: Where they are known.
-        intrinsics: fx, fy, cx, cy [px].
-        cosine: Is given the cosines.
+    look like a slope. Inverse depths are known where they are ``valid``; ``intrinsics`` are fx, fy,
+    cx, cy [px].
     """
     fx, fy, cx, cy = intrinsics
     h, w = inverse.shape
@@ -134,7 +109,8 @@ def measure_kernel(z, inverse, valid, partner, edge, cosine, chance, noise, limi
     fate, mix, error = chance
     scale, gain, bias, subpixel, disparity_step, depth_step, flying, missing, start, end = noise
     near, far = limits
-    least = max(math.cos(math.radians(end)), LEAST_COSINE)
+    # At a smaller cosine errors grow no further: such a surface is hardly measured; guessed.
+    least = max(math.cos(math.radians(end)), 0.1)
     h, w = z.shape
     for i in range(h):
         for j in range(w):

@@ -29,7 +29,7 @@ draws all of it anew for every image; with `FixedErrors` a share of it is the sa
 """
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
@@ -40,7 +40,7 @@ from feasigrasp.errors import CameraError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.choices import key
-from feasigrasp.models.quantities import ArrayOf, Bound, NotNegative
+from feasigrasp.models.quantities import ArrayOf, Bound, NotNegative, Positive
 from feasigrasp.models.sensors.depth_kernels import (
     cosine_kernel,
     edges_kernel,
@@ -97,39 +97,29 @@ class DepthNoise:
             image, along each axis. Intel advises to match at 848 x 480 ("Tuning depth cameras").
     """
 
-    baseline: float = key(0.05, 0.001, 1.0, "m")
-    subpixel: float = key(0.08, 0.0, 10.0, "px")
-    disparity_step: float = key(1.0 / 32.0, 0.0, 10.0, "px")
-    depth_step: float = key(0.001, 0.0, 0.1, "m")
-    edge_disparity: float = key(1.0, 0.01, 1000.0, "px")
-    flying: float = key(0.3, 0.0, 1.0)
-    edge_missing: float = key(0.3, 0.0, 1.0)
-    grazing_start_deg: float = key(65.0, 0.0, 180.0, "deg")
-    grazing_end_deg: float = key(85.0, 0.0, 180.0, "deg")
-    correlation: float = key(1.0, 0.0, 20.0, "px")
-    fixed: float = key(0.75, 0.0, 1.0)
-    texture: float = key(0.004, 0.0005, 0.1, "m")
-    scale_error: float = key(0.005, 0.0, 0.1)
-    bias: float = key(0.05, 0.0, 10.0, "px")
-    holes: float = key(1.0, 0.0, 10.0)
-    motion_blur: float = key(0.0, 0.0, 20.0, "px")
-    smear: float = key(0.0, 0.0, 20.0, "px")
-    dropped: float = key(0.0, 0.0, 1.0)
-    decimation: float = key(1.0, 1.0, 8.0)
+    baseline: Positive = key(0.05, 0.001, 1.0, "m")
+    subpixel: NotNegative = key(0.08, 0.0, 10.0, "px")
+    disparity_step: NotNegative = key(1.0 / 32.0, 0.0, 10.0, "px")
+    depth_step: NotNegative = key(0.001, 0.0, 0.1, "m")
+    edge_disparity: Positive = key(1.0, 0.01, 1000.0, "px")
+    flying: NotNegative = key(0.3, 0.0, 1.0)
+    edge_missing: NotNegative = key(0.3, 0.0, 1.0)
+    grazing_start_deg: NotNegative = key(65.0, 0.0, 180.0, "deg")
+    grazing_end_deg: NotNegative = key(85.0, 0.0, 180.0, "deg")
+    correlation: NotNegative = key(1.0, 0.0, 20.0, "px")
+    fixed: NotNegative = key(0.75, 0.0, 1.0)
+    texture: NotNegative = key(0.004, 0.0005, 0.1, "m")
+    scale_error: NotNegative = key(0.005, 0.0, 0.1)
+    bias: NotNegative = key(0.05, 0.0, 10.0, "px")
+    holes: NotNegative = key(1.0, 0.0, 10.0)
+    motion_blur: NotNegative = key(0.0, 0.0, 20.0, "px")
+    smear: NotNegative = key(0.0, 0.0, 20.0, "px")
+    dropped: NotNegative = key(0.0, 0.0, 1.0)
+    decimation: NotNegative = key(1.0, 1.0, 8.0)
 
     def __post_init__(self) -> None:
-        """Checks the parameters.
-
-        Raises:
-            CameraError: A parameter out of range.
-        """
+        """Raises CameraError for a parameter out of range."""
         check_fields(self, CameraError)
-        for name in (field.name for field in fields(self)):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise CameraError(f"DepthNoise.{name} = {getattr(self, name)}; give 0 or more")
-        for name in ("baseline", "edge_disparity"):
-            if getattr(self, name) == 0.0:
-                raise CameraError(f"DepthNoise.{name} = 0; give a positive number")
         if self.flying + self.edge_missing > 1.0:
             raise CameraError(
                 f"DepthNoise.flying = {self.flying} and edge_missing = {self.edge_missing} are "

@@ -7,8 +7,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import CameraError
+from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import key
+from feasigrasp.models.quantities import NotNegative
 
 
 @dataclass(frozen=True)
@@ -20,18 +22,12 @@ class HandEyeError:
         hand_eye_angle_deg: By which angle its orientation is off [deg].
     """
 
-    hand_eye_position: float = key(0.0, 0.0, 0.1, "m")
-    hand_eye_angle_deg: float = key(0.0, 0.0, 30.0, "deg")
+    hand_eye_position: NotNegative = key(0.0, 0.0, 0.1, "m")
+    hand_eye_angle_deg: NotNegative = key(0.0, 0.0, 30.0, "deg")
 
     def __post_init__(self) -> None:
-        """Checks the sizes.
-
-        Raises:
-            CameraError: One is negative or not finite.
-        """
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and value >= 0.0):
-                raise CameraError(f"HandEyeError.{name} = {value}; give 0 or more")
+        """Raises CameraError for a size that is negative or not finite."""
+        check_fields(self, CameraError)
 
     def scaled(self, factor: float) -> Self:
         """A calibration that errs ``factor`` times as much."""

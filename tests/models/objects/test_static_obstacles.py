@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from feasigrasp.errors import MeshError
 from feasigrasp.models.control.planning.static_grid import nearest_of, static_grid
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.mesh import read_surface
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
 
 POSE = se3.make_pose(
@@ -30,7 +31,7 @@ def obstacle(request, tmp_path):
     if request.param == "box":
         return StaticObstacle.box("box", [0.3, 0.2, 0.1], POSE)
     if request.param == "tray":
-        return StaticObstacle.of_file("tray", tray(tmp_path), 0.001, POSE)
+        return StaticObstacle("tray", read_surface(tray(tmp_path), 0.001), POSE)
     return StaticObstacle("ball", trimesh.creation.icosphere(radius=0.1), POSE)
 
 
@@ -60,7 +61,7 @@ def test_distances_are_lower_bounds_and_exact_over_faces(obstacle):
 
 
 def test_a_tray_stays_hollow(tmp_path):
-    obstacle = StaticObstacle.of_file("tray", tray(tmp_path), 0.001, POSE)
+    obstacle = StaticObstacle("tray", read_surface(tray(tmp_path), 0.001), POSE)
     within = POSE[:3, :3] @ [0.0, 0.0, 0.05] + POSE[:3, 3]
     assert len(obstacle.parts) == 3
     assert obstacle.distance(within[None])[0] == pytest.approx(0.045, abs=1e-6)

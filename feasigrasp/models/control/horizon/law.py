@@ -43,12 +43,8 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
-#: A grasp this close to the selected one is taken for it when grasps are sampled anew [m, rad].
-#: Source: guessed.
-_SAME_GRASP = np.array([0.012, 0.25])
-#: Grasps this close to the selected one are its neighbours [m, rad], if they are held in
-#: configurations this close to its own [rad]. Source: guessed.
-_NEIGHBOUR, _SAME_ARM = np.array([0.05, 0.6]), 0.6
+#: Grasps this close to the selected one are its neighbours [m, rad]. Source: guessed.
+_NEIGHBOUR = np.array([0.05, 0.6])
 #: No grasp. Source: definition.
 _NO_GRASP = Neighbours(np.zeros((0, 4, 4)), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
 
@@ -133,18 +129,9 @@ def next_plan(
 ) -> HorizonPlan:
     """The next plan; without a grasp if none can be intercepted, or the object is unknown.
 
-    Args:
-        before: The plan before.
-        now: Arm and object.
-        grasps: Grasps on offer, in O.
-        reachability: Hand, limits and clearances.
-        options: Weights and limits.
-        space: Of the term over the grasps.
-        committed: Whether the hand is closing, or has closed, on the first of the grasps.
-        surface: Distances to the object's surface, in O, which the open hand keeps off.
-
-    Raises:
-        ControlError: An argument of another type.
+    The grasps on offer are in O, the term over them is that of ``space``. A ``committed`` hand is
+    closing, or has closed, on the first of them; the open hand keeps off the object's ``surface``,
+    in O. Raises ControlError for an argument of another type.
     """
     if not now.known:
         return before.without_grasp(now.time)
@@ -251,7 +238,9 @@ def _selected(
     time, X_OG, score, present, same = now.time, grasps.X_OG, grasps.score, None, -1
     plan = replace(before, time=time)
     if before.X_OG is not None:
-        errors = np.max(grasp_errors(X_OG, before.X_OG) / _SAME_GRASP, axis=1, initial=0.0)
+        # A grasp that is sampled anew is taken for the selected one if so close [m, rad]; guessed.
+        close = np.array([0.012, 0.25])
+        errors = np.max(grasp_errors(X_OG, before.X_OG) / close, axis=1, initial=0.0)
         if len(errors) and errors.min() <= 1.0:
             same = int(np.argmin(errors))
         if same >= 0 or time < before.seen + options.patience:
@@ -290,7 +279,8 @@ def _neighbours(best: int, X_OG: Array, found: Interceptions, most: int) -> Indi
     errors[errors < 1e-6] = np.inf  # the same, in another configuration
     errors[best] = -1.0
     apart = np.abs(found.q - found.q[best]).max(axis=1)
-    near = np.isfinite(found.cost) & (errors < 1.0) & (apart < _SAME_ARM)
+    # Neighbours are held in configurations this close [rad]; guessed.
+    near = np.isfinite(found.cost) & (errors < 1.0) & (apart < 0.6)
     near &= found.branch == found.branch[best]
     order = np.argsort(errors, kind="stable")
     return order[near[order]][:most]

@@ -27,13 +27,8 @@ from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array, record
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.horizon.knots import Form
-from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import SOFT, SafetyOptions
 from feasigrasp.models.quantities import NotNegative, Positive
-
-#: Rows of a position limit only from here on [rad]. Source: guessed.
-_NEAR_LIMIT = 0.7
-#: DAQP's flag of a constraint that may be violated with a penalty. Source: definition: DAQP.
-_SOFT = 8
 
 
 @dataclass(frozen=True)
@@ -150,12 +145,8 @@ class _Limits(NamedTuple):
 def solve_program(q: Array, v: Array, form: Form, options: ProgramOptions) -> Array | None:
     """Velocities (N + 1, 7) [rad/s] of the plan; None without a solution.
 
-    Args:
-        q: Joint positions now [rad], shape (7,).
-        v: Velocities of the plan about which the cost is quadratic, shape (N + 1, 7) [rad/s], the
-            first those of the arm.
-        form: Cost in the positions at the knots, and the reference's velocities.
-        options: Knots, weights and limits.
+    The joints are at ``q`` (7,) [rad] now. The cost is quadratic about a plan with the velocities
+    ``v`` (N + 1, 7) [rad/s], the first those of the arm.
     """
     h, safety = options.h, options.safety
     share = h.copy()
@@ -163,19 +154,18 @@ def solve_program(q: Array, v: Array, form: Form, options: ProgramOptions) -> Ar
     steps = _Steps(h, options.trapezoid, share)
     least_q = safety.arm.lower + safety.position_margin
     most_q = safety.arm.upper - safety.position_margin
-    limits = _Limits(
-        *(least_q, most_q, options.most_v, options.most_a),
-        *(safety.approach_gain, safety.speed_gain),
-    )
+    gains = safety.approach_gain, safety.speed_gain
+    limits = _Limits(least_q, most_q, options.most_v, options.most_a, *gains)
     at = positions(q, v, options)
-    near = (at > most_q - _NEAR_LIMIT) | (at < least_q + _NEAR_LIMIT)
+    # A position limit has rows only where it is this near [rad]; guessed.
+    near = (at > most_q - 0.7) | (at < least_q + 0.7)
     n, m = near.size, int(near.sum())
     big, f, rows = np.zeros((n, n)), np.zeros(n), np.zeros((n - len(q) + m, n))
     lower, upper = np.empty(n + len(rows)), np.empty(n + len(rows))
     _objective_kernel(v, steps, form, limits.a, (options.velocity, options.acceleration), big, f)
     _limits_kernel(q, v, steps, limits, near, rows, lower, upper)
     senses = np.zeros(len(upper), dtype=np.intc)
-    senses[len(upper) - m :] = _SOFT
+    senses[len(upper) - m :] = SOFT
     step, _, status, _ = daqp.solve(big, f, rows, upper, lower, senses)
     if status <= 0 or not np.isfinite(step).all():
         return None

@@ -17,9 +17,6 @@ from feasigrasp.models.robot.arm import MARGIN, VELOCITY
 
 #: Time over which the velocity of a solution is taken [s]. Source: guessed.
 INSTANT = 0.01
-#: A solution this many times faster than the velocity limits is next to a singularity. Source:
-#: guessed.
-_TOO_FAST = 3.0
 
 
 @compiled
@@ -65,5 +62,6 @@ def reference_kernel(knots, grasps, meeting, corridor, X_GF, near, q_ref, v_ref)
             elif reached:
                 q_ref[k, j] = solution[j]
                 v_ref[k, j] = (after[j] - solution[j]) / INSTANT if moves else 0.0
-        if np.max(np.abs(v_ref[k]) / chain[:n, VELOCITY]) > _TOO_FAST:
+        # A solution so many times faster than the limits is next to a singularity; guessed.
+        if np.max(np.abs(v_ref[k]) / chain[:n, VELOCITY]) > 3.0:
             v_ref[k] = 0.0

@@ -33,22 +33,20 @@ from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 #: guessed.
 _NEAR, _LINED_UP = 0.12, 0.4
 #: What a turn of the hand counts as, beside its way [m/rad]. Source: guessed.
-_LEVER = 0.1
+LEVER = 0.1
 
 
 def obstacle_surface(grid: ObstacleGrid, X_OH: Array, X_OG: Array, hand: Array) -> ObstacleGrid:
-    """The surface with clearance: the observed part, for a grasp inside the unobserved part.
+    """The part of the object's ``grid``, in O, that the hand keeps off.
 
-    Args:
-        grid: All of the object's surface, in O.
-        X_OH: Pose of the hand, shape (4, 4); NaN while that of the object is not known.
-        X_OG: The grasps on offer, shape (n, 4, 4).
-        hand: Points on the open hand, in G, shape (k, 3) [m].
+    Only what was observed of it, if the open hand, with points ``hand`` (k, 3) in G [m], is on its
+    way into a grasp of ``X_OG`` (n, 4, 4) inside the rest. Its pose ``X_OH`` (4, 4) is NaN while
+    that of the object is not known.
     """
     if grid.seen is None or len(X_OG) == 0 or not np.isfinite(X_OH).all():
         return grid
     position, angle = grasp_errors(X_OG, X_OH).T
-    nearest = np.argmin(position + _LEVER * angle)
+    nearest = np.argmin(position + LEVER * angle)
     if position[nearest] > _NEAR or angle[nearest] > _LINED_UP:
         return grid
     R, p = X_OG[nearest, :3, :3], X_OG[nearest, :3, 3]
@@ -60,8 +58,6 @@ def obstacle_surface(grid: ObstacleGrid, X_OH: Array, X_OG: Array, hand: Array) 
 #: that is turned by more from each of its grasps is not there for any of them [rad]. Source:
 #: guessed.
 _BETWEEN, _MISALIGNED = 0.015, 1.6
-#: Speed at which such a hand steps back [m/s]. Source: guessed.
-_BACK_SPEED = 0.15
 
 
 def scheduled_obstacle(
@@ -76,6 +72,9 @@ def scheduled_obstacle(
 ) -> MovingObject | None:
     """The object as moving obstacle, with the clearance schedule of the nearest grasp.
 
+    The reserve is zero once the hand has lined up with a grasp, and the hand is misaligned with the
+    object between its fingers for none of them.
+
     Args:
         surface: Distances to its surface, in O; None if it is not to be kept off.
         q: Joint positions [rad], shape (7,).
@@ -85,10 +84,6 @@ def scheduled_obstacle(
         X_OG: The grasps, in O, shape (n, 4, 4).
         corridor: The approach corridor.
         arm: The arm.
-
-    Returns:
-        The object; its reserve is zero once the hand has lined up with a grasp, and the hand is
-        misaligned with the object between its fingers for none of them.
     """
     if surface is None:
         return None
@@ -107,8 +102,8 @@ def scheduled_obstacle(
 
 def step_back(X_WH: Array, X_WO: Array, V_WO: Array) -> Array:
     """Twist (6,) of a hand at X_WH (4, 4) that leaves an object with twist V_WO (6,) backwards."""
-    lever = X_WH[:3, 3] - X_WO[:3, 3]
-    linear = V_WO[3:] + np.cross(V_WO[:3], lever) - _BACK_SPEED * X_WH[:3, 2]
+    lever, speed = X_WH[:3, 3] - X_WO[:3, 3], 0.15  # [m/s]; guessed
+    linear = V_WO[3:] + np.cross(V_WO[:3], lever) - speed * X_WH[:3, 2]
     return np.concatenate([V_WO[:3], linear])
 
 

@@ -26,8 +26,6 @@ _QUICK, _QUICKEST, _WIDER = 0.3, 0.5, np.deg2rad(12.0)
 _RATE = 3.0
 #: No faster than this does the object come back from outside the cone [rad/s]. Source: guessed.
 _FASTEST = 1.0
-#: Nearer than this to the camera's axis it has no direction to move in [rad]. Source: numerical.
-_ON_AXIS = 1e-3
 
 
 def velocity_in_view(
@@ -40,7 +38,9 @@ def velocity_in_view(
     radius: float,
     arm: Arm = IIWA_7,
 ) -> Array:
-    """The velocity nearest to ``qd`` with which the object stays in view.
+    """The velocity (7,) [rad/s] nearest to the wanted ``qd`` with which the object stays in view.
+
+    It is ``qd`` where that does no harm, or if anything is not finite.
 
     Args:
         qd: Joint velocity that is wanted [rad/s], shape (7,).
@@ -51,9 +51,6 @@ def velocity_in_view(
         v_W: Its velocity, shape (3,) [m/s].
         radius: Of the object [m].
         arm: The arm.
-
-    Returns:
-        Shape (7,) [rad/s]; ``qd`` where that does no harm, or if anything is not finite.
     """
     kept = np.array(qd, dtype=float)
     _keep_kernel(
@@ -89,7 +86,7 @@ def _keep_kernel(chain, q, X_FG, X_WC, p_W, v_W, radius, qd):
     n = to / max(distance, 1e-6)
     across = np.cross(n, z)
     sine = np.sqrt(across @ across)
-    if not sine > _ON_AXIS:
+    if not sine > 1e-3:  # on the camera's axis there is no direction to move in
         return
     room = _room_kernel(n @ z, radius / distance, np.sqrt(v_W @ v_W))
     axis = across / sine

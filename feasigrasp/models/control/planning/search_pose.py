@@ -25,19 +25,11 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 SEARCH_AFTER = 0.25
 #: Distance of the camera from what it looks for [m]. Source: guessed.
 _DISTANCE = 0.38
-#: The camera looks from where it is, from the base, or from between: shares of the latter. Source:
-#: guessed.
-_FROM_BASE = (0.0, 0.4, 1.0)
 #: Directions and distances [m] to look from where none of these can be reached. Source: guessed.
 _ALL_ROUND, _DISTANCES = sphere_points(24, 1.0), (0.3, _DISTANCE, 0.46)
-#: Turns about the camera's axis that are tried. Source: numerical.
-_ROLLS = 6
 #: The view circles an object that has been out of sight so long [s], once in so long [s],
 #: so quickly farther out [rad/s]; after so long the arm looks from home [s]. Source: guessed.
 _CIRCLES_AFTER, _CIRCLE_PERIOD, _WIDENS, _HOME_AFTER = 1.5, 4.0, 0.08, 5.0
-#: Share of the speed that joints may have, and rate at which the way that is left decreases [1/s].
-#: Source: guessed.
-_SPEED_SHARE, _GAIN = 0.5, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,16 +51,10 @@ class SearchTarget(Frozen):
 def search_configuration(
     search_target: SearchTarget, q: Array, X_WC: Array, reachability: Reachability
 ) -> Array | None:
-    """Configuration from which the wrist camera searches an object.
+    """Configuration (7,) [rad] from which the wrist camera searches an object; None without one.
 
-    Args:
-        search_target: What it looks for.
-        q: Joint positions [rad], shape (7,).
-        X_WC: Pose of the camera, which is on the hand, z forward, shape (4, 4).
-        reachability: Test of configurations.
-
-    Returns:
-        Shape (7,) [rad]; None if there is none.
+    The joints are at ``q`` (7,) [rad], the camera, which is on the hand, at ``X_WC`` (4, 4), z
+    forward.
     """
     home = reachability.arm.home
     if search_target.age > _HOME_AFTER and reachability.admissible(home[None])[0]:
@@ -91,15 +77,14 @@ def search_configuration(
 
 
 def _turned_views(p_WC: Array, z_W: Array, X_WC: Array) -> Array:
-    """Poses of a camera at p (..., 3) that looks along unit z (..., 3), at any turn.
+    """Poses (..., m, 4, 4) of a camera at p (..., 3) that looks along unit z (..., 3), at any turn.
 
-    Returns:
-        Shape (..., m, 4, 4); the first turn is the nearest to that of the camera at X_WC (4, 4).
+    The first turn is the nearest to that of the camera at X_WC (4, 4).
     """
     across = X_WC[:3, 0] - (z_W @ X_WC[:3, 0])[..., None] * z_W
     x = _direction(across, se3.perpendiculars(z_W)[0])
     y, z = np.cross(z_W, x)[..., None, :], z_W[..., None, :]
-    roll = np.linspace(0.0, 2.0 * np.pi, _ROLLS, endpoint=False)[:, None]
+    roll = np.linspace(0.0, 2.0 * np.pi, 6, endpoint=False)[:, None]
     turned = np.cos(roll) * x[..., None, :] + np.sin(roll) * y
     R_WC = np.stack([turned, np.cross(z, turned), np.broadcast_to(z, turned.shape)], axis=-1)
     return se3.make_pose(R_WC, p_WC[..., None, :])
@@ -107,16 +92,17 @@ def _turned_views(p_WC: Array, z_W: Array, X_WC: Array) -> Array:
 
 def search_velocity(q: Array, q_search: Array, speed: float = 1.0, arm: Arm = IIWA_7) -> Array:
     """Synchronized joint velocity (7,) [rad/s] to a configuration, at a share of the limits."""
-    way = q_search - q
-    time = float(np.max(np.abs(way) / (speed * _SPEED_SHARE * arm.velocity_limits)))
-    return np.asarray(min(_GAIN, 1.0 / max(time, 1e-9)) * way)
+    # Share of the speed that joints have, rate at which the way left decreases [1/s]; guessed.
+    way, share, gain = q_search - q, 0.5, 3.0
+    time = float(np.max(np.abs(way) / (speed * share * arm.velocity_limits)))
+    return np.asarray(min(gain, 1.0 / max(time, 1e-9)) * way)
 
 
 def _usual_sides(p_W: Array, X_WC: Array, arm: Arm) -> Array:
     """Directions from a place to the camera, to the robot's shoulder, and between, shape (n, 3)."""
     to_camera = _direction(X_WC[:3, 3] - p_W, -X_WC[:3, 2])
     to_base = _direction(arm.points[1] - p_W, to_camera)
-    share = np.array(_FROM_BASE)[:, None]
+    share = np.array([[0.0], [0.4], [1.0]])  # guessed
     return _direction((1.0 - share) * to_camera + share * to_base, to_base)
 
 

@@ -10,15 +10,12 @@ from typing import Self
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.control.planning.clearance_schedule import LEVER
 from feasigrasp.models.grasps.approach_corridor import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.non_maximum_suppression import filter_by_score
 from feasigrasp.models.grasps.payload import filter_by_payload
 
-#: The hand gets on if the way becomes so much shorter [m], or by this share of it. Source: guessed.
-_PROGRESS, _PROGRESS_SHARE = 0.02, 0.3
-#: What a turn of the hand counts as, beside its way [m/rad]. Source: guessed.
-_LEVER = 0.1
 #: Time constant of the thresholds [s]. Chosen on seeds 4 and 5 of ReachCircular by camera: with 10
 #: s hands waited where 2 s let them come near and see more. Source: measured.
 _TIME_CONSTANT = 2.0
@@ -80,13 +77,9 @@ class Attempt(Frozen):
         return replace(self, time=time, relaxation=relaxation)
 
     def advanced(self, time: float, X_OH: Array, grasps: GraspSet, patience: float) -> Self:
-        """The attempt at a time.
+        """The attempt at a time [s], with the hand at ``X_OH`` (4, 4) [m] and grasps given to it.
 
-        Args:
-            time: Now [s].
-            X_OH: Pose of the hand in O, shape (4, 4) [m].
-            grasps: Those that it is given.
-            patience: Without progress for so long, the nearest grasp is given up [s].
+        Without progress for the time ``patience`` [s], the nearest grasp is given up.
         """
         lasting = time - self.given_up_at < _FORGOTTEN
         now = replace(self, given_up=self.given_up[lasting], given_up_at=self.given_up_at[lasting])
@@ -95,8 +88,9 @@ class Attempt(Frozen):
         if len(usable) == 0:
             # Grasps that come and go do not make the hand get on.
             return replace(now, since=now.since + time - self.time)
-        ways = grasp_errors(usable.X_OG, X_OH) @ [1.0, _LEVER]
-        progress = min(_PROGRESS, _PROGRESS_SHARE * now.left)
+        ways = grasp_errors(usable.X_OG, X_OH) @ [1.0, LEVER]
+        # The hand gets on if the way becomes so much shorter [m], or by this share of it; guessed.
+        progress = min(0.02, 0.3 * now.left)
         if now.left == np.inf or ways.min() < now.left - progress:
             return replace(now, left=float(ways.min()), since=time)
         if time - now.since < patience:

@@ -36,14 +36,10 @@ def touch_state(joints: int) -> Array:
 
 @compiled
 def touch_step_kernel(chain, state, torque, period, after):
-    """Writes the state one period later, see `touch_state`.
+    """Writes the state one period [s] later into ``after``, see `touch_state`.
 
-    Args:
-        chain: That of the `Arm`.
-        state: Now; zeros at first, when nothing touches the arm.
-        torque: External torques of the joints [Nm], shape (n,); one that is not finite is none.
-        period: Time between steps [s].
-        after: Written.
+    It is zero at first, when nothing touches the arm. ``torque`` (n,) [Nm] are external torques of
+    the joints; one that is not finite is none.
     """
     n = len(torque)
     touches, zero = 2 * n + 1, 2 * n + 2
@@ -71,18 +67,11 @@ def touch_step_kernel(chain, state, torque, period, after):
 
 
 def yielding_velocity(qd: Array, torque: Array, J_WH: Array) -> Array:
-    """The velocity nearest to ``qd`` that gives way to a touch.
+    """The velocity (7,) [rad/s] nearest to ``qd`` that gives way to a touch; else ``qd`` itself.
 
-    It is the one with ``tau . qd >= |F| v``, with the force F at the hand that explains the torques
-    best; so a hand that is touched moves at v, 0.1 m/s, along the force.
-
-    Args:
-        qd: Joint velocity that is wanted [rad/s], shape (7,).
-        torque: External torques of the touch [Nm], shape (7,).
-        J_WH: Jacobian of the hand, shape (6, 7), rows [angular; linear].
-
-    Returns:
-        Shape (7,) [rad/s]; ``qd`` itself without a touch, or if it gives way already.
+    It is the one with ``tau . qd >= |F| v`` for the external torques tau (7,) [Nm], with the force
+    F at the hand, of Jacobian ``J_WH`` (6, 7), that explains the torques best; so a hand that is
+    touched moves at v, 0.1 m/s, along the force.
     """
     square = float(torque @ torque)
     if square == 0.0:

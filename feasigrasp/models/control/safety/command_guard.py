@@ -28,9 +28,9 @@ class CommandGuard:
     """Follows requested positions within the limits, and brakes when there are none.
 
     It takes one step in every cycle of the driver (`DriverClock`), also where its status is missing
-    (`coast`). It begins `START_AFTER` seconds
-    after the first status message, at the position that the driver holds, and again when they have
-    been missing for `SILENCE`. Where cycles were left out, it goes on from rest.
+    (`coast`). It begins `START_AFTER` seconds after the first status message, at the position that
+    the driver holds, and again when they have been missing for `SILENCE`. Where cycles were left
+    out, it goes on from rest.
 
     Attributes:
         clock: The driver's cycles.
@@ -106,14 +106,10 @@ class CommandGuard:
         return self._arm.joints
 
     def request(self, stamp: float, q: Array) -> bool:
-        """Accepts requested positions; returns whether they are used.
+        """Accepts positions (7,) [rad] with the controller's stamp [s]; returns whether it is used.
 
         Not used are those that are not finite, not later than the last, or not of the controller
         that is served. That has to be silent for `SILENCE` before another one is served.
-
-        Args:
-            stamp: When, by the controller's clock [s].
-            q: Positions [rad], shape (7,).
         """
         if np.shape(q) != (self._arm.joints,) or not np.isfinite(q).all() or not np.isfinite(stamp):
             return False
@@ -185,10 +181,7 @@ class CommandGuard:
         """The positions to send where a status is missing while the arm moves; None elsewhere.
 
         They go on as requested, and brake when statuses have been missing for `DEADLINE`. If they
-        reach the driver, the arm does not stop dead.
-
-        Args:
-            now: This computer's monotonic clock [s].
+        reach the driver, the arm does not stop dead. ``now`` is as for `command`.
         """
         if self._starting or self.refused or not self.moving or not self.clock.is_missing(now):
             return None
@@ -199,12 +192,7 @@ class CommandGuard:
         return self._q.copy()
 
     def follow(self, q: Array, last: Array) -> None:
-        """Goes on from the position that another guard sent, at the speed since its last one.
-
-        Args:
-            q: The position [rad], shape (7,).
-            last: The one before [rad], shape (7,).
-        """
+        """Goes on from the position (7,) [rad] that another guard sent, and the one before that."""
         self._q, self._v = q, (q - last) / (self.clock.period * self.clock.rate)
         self.moving = bool(np.any(self._v != 0.0))
 
@@ -238,9 +226,8 @@ class CommandGuard:
             rate, share = np.clip(self._rate, -limit, limit), self.SPEED_GAIN * period
             up = self._v + np.maximum(share * (limit - self._v), -self._v)
             down = self._v - np.maximum(share * (limit + self._v), self._v)
-            wish = np.clip(
-                self._rate + self.GAIN * left, np.minimum(down, rate), np.maximum(up, rate)
-            )
+            wish = self._rate + self.GAIN * left
+            wish = np.clip(wish, np.minimum(down, rate), np.maximum(up, rate))
         if self._safety is not None:
             wish = self._safety.velocity(self._q, wish, qd_last=self._v, obstacles=self._obstacles)
         q, v = np.empty(self._arm.joints), np.empty(self._arm.joints)

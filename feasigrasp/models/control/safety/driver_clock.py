@@ -58,12 +58,7 @@ class DriverClock:
     """
 
     def __init__(self, period: float, silence: float) -> None:
-        """A clock before the first message.
-
-        Args:
-            period: Of the driver, until `measure` [s].
-            silence: After a pause of so long another driver may have begun [s].
-        """
+        """A clock of a period until `measure`; after a silence another driver may begin [s]."""
         self.period, self.passed, self.rate = period, 0.0, 1.0
         self._silence = silence
         self._stamp = self._due = self._now = self._on_time = float("nan")
@@ -91,12 +86,7 @@ class DriverClock:
         return max(min(self._intervals, default=0.0), JITTER * self.period)
 
     def tick(self, stamp: float, now: float) -> Tick:
-        """What a status message means.
-
-        Args:
-            stamp: Its time stamp [s].
-            now: This computer's monotonic clock [s].
-        """
+        """What a status message with a stamp [s] means; ``now`` is this computer's clock [s]."""
         passed, late = stamp - self._stamp, now - self._now
         self.passed = 0.0
         if passed == 0.0:
@@ -136,11 +126,7 @@ class DriverClock:
         return Tick.GAP if gap else Tick.NEXT if in_turn else Tick.STEPPED
 
     def is_missing(self, now: float) -> bool:
-        """Whether the status of a cycle is missing; then it is counted, without one.
-
-        Args:
-            now: This computer's monotonic clock [s].
-        """
+        """Whether the status of a cycle is missing; then it is counted, without one."""
         if self._stamps is not None or not abs(self._ratio - 1.0) <= AGREE:
             return False
         cycle = self._ratio * self.period
@@ -164,8 +150,7 @@ class DriverClock:
     def measure(self) -> str:
         """Sets the period to that of the messages since `Tick.BEGIN`.
 
-        Returns:
-            Why such a driver is not served; empty if it is.
+        Returns why such a driver is not served; nothing, "", if it is.
         """
         assert self._stamps is not None
         self.period = round(statistics.median(self._stamps), 6)

@@ -23,7 +23,7 @@ finite and continuous whatever comes in. The solver is DAQP (Arnstrom et al., "A
 solver for embedded quadratic programming using recursive LDL' updates", TAC 2022).
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Self
 
 import daqp
@@ -46,6 +46,8 @@ from feasigrasp.models.quantities import (
     JOINT_POSITIONS,
     JOINT_RATES,
     TWIST,
+    NotNegative,
+    Positive,
     PositiveShare,
 )
 from feasigrasp.models.robot.arm import Arm, Family
@@ -53,6 +55,8 @@ from feasigrasp.models.robot.capsules import arm_balls, capsule_model, hand_poin
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 
+#: DAQP's flag of a constraint that may be violated with a penalty. Source: definition: DAQP.
+SOFT = 8
 #: No velocity, rows and object. Source: layout.
 _NONE, _NO_ROWS = np.empty(0), np.empty((0, 0))
 _NO_OBJECT = MovingObject(NO_GRID, np.eye(4), np.zeros(6))
@@ -84,22 +88,22 @@ class SafetyOptions:
         arm: The arm.
     """
 
-    period: float = 0.005
-    position_margin: float = IIWA_7.position_margin
+    period: Positive = 0.005
+    position_margin: NotNegative = IIWA_7.position_margin
     speed: PositiveShare = 1.0
-    velocity_scale: float = 0.9
-    acceleration_scale: float = IIWA_7.acceleration_share
-    clearance: float = 0.01
-    obstacle_clearance: float = 0.02
-    object_clearance: float = 0.002
-    table_clearance: float = 0.01
+    velocity_scale: PositiveShare = 0.9
+    acceleration_scale: PositiveShare = IIWA_7.acceleration_share
+    clearance: NotNegative = 0.01
+    obstacle_clearance: NotNegative = 0.02
+    object_clearance: NotNegative = 0.002
+    table_clearance: NotNegative = 0.01
     table_height: float = 0.0
-    approach_gain: float = 3.3
-    speed_gain: float = 10.0
-    object_gain: float = 6.0
-    slow: float = 0.1
-    rotation_weight: float = 0.3
-    damping: float = 1e-3
+    approach_gain: Positive = 3.3
+    speed_gain: Positive = 10.0
+    object_gain: Positive = 6.0
+    slow: Positive = 0.1
+    rotation_weight: Positive = 0.3
+    damping: Positive = 1e-3
     arm: Arm = IIWA_7
 
     @classmethod
@@ -113,18 +117,6 @@ class SafetyOptions:
     def __post_init__(self) -> None:
         """Raises ControlError for a wrong number, or a gain that asks for too quick a stop."""
         check_fields(self, ControlError)
-        for entry in (each for each in fields(self) if each.name != "arm"):
-            value = getattr(self, entry.name)
-            signed = entry.name == "table_height"
-            zero_allowed = entry.name == "position_margin" or entry.name.endswith("clearance")
-            if not (signed or value > 0 or (zero_allowed and value == 0)):
-                raise ControlError(f"SafetyOptions.{entry.name} = {value}: give a positive number")
-        for name in ("velocity_scale", "acceleration_scale"):
-            if getattr(self, name) > 1.0:
-                raise ControlError(
-                    f"SafetyOptions.{name} = {getattr(self, name)}: give a share of the limit, "
-                    "at most 1"
-                )
         most = self.arm.braking_rate(self.speed * self.velocity_scale, self.acceleration_scale)
         if self.approach_gain > most:
             raise ControlError(
@@ -153,24 +145,12 @@ class SafetyFilter(Frozen):
         check_fields(self, ControlError)
         arm = self.options.arm
         model, n = capsule_model(self.gripper, arm), arm.joints
-        balls = arm_balls(model)
-        guarded = _kept_off_an_object(self.gripper, arm)
-        geometry = (
-            arm.chain,
-            model.link,
-            model.ends,
-            model.radius,
-            model.pairs,
-            model.movers,
-            *balls[1:],
-            guarded,
-        )
-        made: Any = (np.ascontiguousarray(g) for g in geometry)
-        arrays = record(self.options), Body(*made)
-        object.__setattr__(self, "_arrays", arrays)
+        balls, guarded = arm_balls(model), _kept_off_an_object(self.gripper, arm)
+        own = arm.chain, model.link, model.ends, model.radius, model.pairs, model.movers
+        made: Any = map(np.ascontiguousarray, (*own, *balls[1:], guarded))
+        object.__setattr__(self, "_arrays", (record(self.options), Body(*made)))
         most = n + 1 + len(model.pairs) + 2 * len(model.movers) + len(balls.link) + len(guarded)
-        # DAQP's flag of a constraint that may be violated with a penalty. Source: definition: DAQP.
-        hard, soft = np.zeros(most, dtype=np.intc), np.full(most, 8, dtype=np.intc)
+        hard, soft = np.zeros(most, dtype=np.intc), np.full(most, SOFT, dtype=np.intc)
         soft[:n] = 0
         object.__setattr__(self, "_senses", (hard, soft))
         middle = 0.5 * (arm.lower + arm.upper)
@@ -223,9 +203,8 @@ class SafetyFilter(Frozen):
         qd, _, status, _ = daqp.solve(H, f[:joints], rows, upper, lower, senses)
         if status > 0 and clip_kernel(qd, vector):
             return qd
-        qd, _, status, _ = daqp.solve(
-            np.eye(joints), np.zeros(joints), rows, upper, lower, soft[:n]
-        )
+        nearest = np.eye(joints), np.zeros(joints)
+        qd, _, status, _ = daqp.solve(*nearest, rows, upper, lower, soft[:n])
         if status > 0 and clip_kernel(qd, vector):
             return qd
         return np.clip(0.0, lower[:joints], upper[:joints])
@@ -250,21 +229,17 @@ class SafetyFilter(Frozen):
         obstacles: ObstacleGrid | None = None,
         moving: MovingObject | None = None,
     ) -> tuple[Array, Array, int]:
-        """The QP that `velocity` solves, for its arguments.
+        """The QP that `velocity` solves, for its arguments; errors as there.
 
         Returns:
             ``matrix`` (n + m, n), H above the rows A; and ``vector`` (3, n + m): lower bounds of qd
-            and of A qd, their upper bounds, and f followed by zeros. The matrix
-            is empty if the state is not finite. Rows that no velocity inside the bounds breaks are
-            left out.
-
-        Raises:
-            ControlError: As `velocity`.
+            and of A qd, their upper bounds, and f followed by zeros; and the number of hard rows.
+            The matrix is empty if the state is not finite. Rows that no velocity inside the bounds
+            breaks are left out.
         """
         if (J is None) != (V is None):
             raise ControlError("SafetyFilter: J and V belong together; give both or neither")
-        most = len(self._senses[0])
-        n = self.options.arm.joints
+        most, n = len(self._senses[0]), self.options.arm.joints
         self.options.arm.positions(q, 1)
         matrix, vector = np.empty((most, n)), np.zeros((3, most))
         grid, target = obstacles or NO_GRID, moving or _NO_OBJECT
