@@ -101,29 +101,21 @@ def damped_least_squares_kernel(X_WF, q, steps, damping, limit_margin=-np.inf):
 
 
 @compiled
-def _refine_batch(X_WF, q, steps, damping, limit_margin, position, angle):
+def _refine_batch(X_WF, q, steps, damping, position, angle):
     for n in range(len(q)):
-        position[n], angle[n] = damped_least_squares_kernel(
-            X_WF[n], q[n], steps, damping, limit_margin
-        )
+        position[n], angle[n] = damped_least_squares_kernel(X_WF[n], q[n], steps, damping, 0.0)
 
 
 def refine(
-    X_WF: ArrayLike,
-    q: ArrayLike,
-    steps: int = 3,
-    damping: float = 0.02,
-    *,
-    limit_margin: float | None = None,
+    X_WF: ArrayLike, q: ArrayLike, steps: int, damping: float = 0.02
 ) -> tuple[Array, Array, Array]:
-    """Damped least-squares steps from given configurations towards flange poses.
+    """Damped least-squares steps towards flange poses, each cut off at the joint limits.
 
     Args:
         X_WF: Flange poses in the base frame, shape (n, 4, 4) [m].
         q: Where to start, shape (n, 7) [rad]; left as it is.
         steps: How many steps.
         damping: lambda; larger is slower, and steadier next to singularities.
-        limit_margin: If given, joints stay this far inside their limits [rad].
 
     Returns:
         Configurations (n, 7) [rad], and what is left of the position error [m] and of the angle
@@ -140,8 +132,7 @@ def refine(
             "give (n, 4, 4) and (n, 7)"
         )
     position, angle = np.empty(len(refined)), np.empty(len(refined))
-    margin = -np.inf if limit_margin is None else float(limit_margin)
-    _refine_batch(targets, refined, int(steps), float(damping), margin, position, angle)
+    _refine_batch(targets, refined, int(steps), float(damping), position, angle)
     return refined, position, angle
 
 

@@ -12,10 +12,7 @@ _GROUPS = {
     "fit": ("fit models to an arm and to grasps", "training/fit_*.py"),
     "train": ("train the networks of the package", "training/train_*.py"),
 }
-_REPORT = (
-    "feasigrasp_lab.report.markdown_report",
-    "write a folder of results as Markdown",
-)
+_REPORT = ("feasigrasp_lab.report.markdown_report", "write a folder of results as Markdown")
 
 
 def commands() -> Commands:

@@ -25,12 +25,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp_lab.networks import (
-    VectorLinear,
-    VectorLinearReLU,
-    lengths,
-    with_mean,
-)
+from feasigrasp_lab.networks import VectorLinear, VectorLinearReLU, lengths, with_mean
 
 #: One unit of length [m]; the authors scale by 8. Source: paper: SE(3)-DiffusionFields.
 LENGTH = 0.125
@@ -61,31 +56,15 @@ class Cloud(NamedTuple):
 
 
 class PoseEnergy(nn.Module):
-    """The energy, see the head of this module.
+    """The energy, see the head of this module."""
 
-    Args:
-        vectors: Channels of the vector neurons.
-        invariants: Numbers of a point of the cloud that are averaged.
-        directions: Vectors of it that are averaged, besides its position and normal.
-        hidden: Width of the feature network.
-        features: What it says of each point on the hand, the signed distance first.
-        head: Width of the head.
-    """
-
-    def __init__(
-        self,
-        vectors: int = 24,
-        invariants: int = 6,
-        directions: int = 2,
-        hidden: int = 128,
-        features: int = 8,
-        head: int = 256,
-    ) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.sizes = {
-            **{"vectors": vectors, "invariants": invariants, "directions": directions},
-            **{"hidden": hidden, "features": features, "head": head},
-        }
+        # Channels of the vector neurons; numbers and vectors of a point of the cloud that are
+        # averaged, besides its position and normal.
+        vectors, invariants, directions = 24, 6, 2
+        # Width of the feature network, what it says of a point on the hand, width of the head.
+        hidden, features, head = 128, 8, 256
         self.encode_first = VectorLinearReLU(2, vectors)
         self.encode_second = VectorLinearReLU(2 * vectors, vectors)
         self.to_latent = VectorLinear(2 * vectors, vectors)
@@ -136,7 +115,7 @@ class PoseEnergy(nn.Module):
         square = (x * x).sum(-1, keepdim=True)
         parts = [square, torch.linalg.vecdot(x.unsqueeze(-1), latent.unsqueeze(1), dim=-2)]
         parts += [lengths(latent.unsqueeze(-2)).expand(-1, x.shape[1], -1), _fourier(time)]
-        invariants, directions = self.sizes["invariants"], self.sizes["directions"]
+        invariants, directions = self.to_invariants.out_features, len(self.to_directions.weight)
         for summed in _summed(cloud, x):
             near, rest = summed.split((1, summed.shape[-1] - 1), -1)
             # Weight that stands for nothing near.

@@ -14,10 +14,7 @@ from feasigrasp.models.grasps.non_maximum_suppression import LEAST_SCORE, suppre
 from feasigrasp.models.quantities import Count
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp_lab.baselines.grasp_diffusion import (
-    GraspDiffusion,
-    load_grasp_diffusion,
-)
+from feasigrasp_lab.baselines.grasp_diffusion import GraspDiffusion, load_grasp_diffusion
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +50,9 @@ class DiffusionSampler:
 
     def __call__(self, gpdf: Gpdf) -> GraspSet:
         """Filtered grasps, best first, in the frame of the field (object frame O)."""
-        return self.judged(gpdf, self.candidates(gpdf)[0])
+        surface = grasp_input(gpdf, self.n_points)
+        rng = np.random.default_rng(self.seed)
+        return self.judged(gpdf, self.diffusion.at(surface).sample(self.n_samples, rng))
 
     def judged(self, gpdf: Gpdf, X_OG: Array) -> GraspSet:
         """What filter and thinning leave of hand poses (n, 4, 4)."""
@@ -61,19 +60,6 @@ class DiffusionSampler:
         grasps = filter_grasps(gpdf, X_OG[held], width[held], self.gripper)
         distinct_grasps = suppress_non_maxima(grasps, self.n_grasps, least_score=self.least_score)
         return distinct_grasps.counted({Rejection.NOTHING_BETWEEN: int(np.count_nonzero(~held))})
-
-    def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, int]:
-        """The poses as they were drawn.
-
-        Returns:
-            Poses X_OG (n, 4, 4), distances between the contacts (n,) [m], the opening where there
-            are none, and the number of these.
-        """
-        surface = grasp_input(gpdf, self.n_points)
-        rng = np.random.default_rng(self.seed)
-        X_OG = self.diffusion.at(surface).sample(self.n_samples, rng)
-        _, width, held = closed_on(gpdf, X_OG, self.gripper.max_opening)
-        return X_OG, width, int(np.count_nonzero(~held))
 
 
 def closed_on(gpdf: Gpdf, X_OG: Array, opening: float) -> tuple[Array, Array, Mask]:

@@ -16,12 +16,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.weights_file import WeightArrays, WeightsFormat
 from feasigrasp_lab import WEIGHTS
-from feasigrasp_lab.baselines.diffusion_energy import (
-    LENGTH,
-    Cloud,
-    PoseEnergy,
-    standard_deviation,
-)
+from feasigrasp_lab.baselines.diffusion_energy import LENGTH, Cloud, PoseEnergy, standard_deviation
 from feasigrasp_lab.networks import fill_network, network_arrays, seeded
 
 #: Time at the last step: noise of 4 mm and 1.8 degrees. Source: guessed.
@@ -114,14 +109,14 @@ class GraspDiffusion(Frozen):
         return _FILE.load(path, cls._of)
 
     @classmethod
-    def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> GraspDiffusion:
-        network = PoseEnergy(**header["sizes"])
+    def _of(cls, _: dict[str, Any], arrays: WeightArrays) -> GraspDiffusion:
+        network = PoseEnergy()
         fill_network(network, arrays)
         return cls(network.eval().requires_grad_(False))
 
     def save(self, path: str | Path) -> None:
-        """Writes sizes and weights into one ``.npz`` file, whole or not at all."""
-        _FILE.save(path, {"sizes": self.network.sizes}, network_arrays(self.network))
+        """Writes the weights into one ``.npz`` file, whole or not at all."""
+        _FILE.save(path, {}, network_arrays(self.network))
 
     def at(self, surface: GraspInput) -> DiffusedObject:
         """The energy of one object.

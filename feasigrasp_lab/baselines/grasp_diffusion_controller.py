@@ -129,9 +129,7 @@ class DiffusedField(Frozen):
         for _ in range(steps):
             X = X @ se3.exp(share * self.way(X))
         X_OG, width, held = closed_on(self.gpdf, X[None], opening)
-        reliable = np.ones(
-            int(held.sum())
-        )  # it is not judged, and its being there changes no other
+        reliable = np.ones(int(held.sum()))  # not judged, and its being there changes no other
         return GraspSet(X_OG[held], width[held], reliable, payload_score=reliable)
 
     def way(self, X_OH: Array) -> Array:
@@ -157,12 +155,7 @@ class DiffusedField(Frozen):
 
 
 def diffusion_velocity(
-    q: Array,
-    energy: DiffusedField,
-    X_WO: Array,
-    V_WO: Array,
-    X_FG: Array,
-    options: PaperOptions,
+    q: Array, energy: DiffusedField, X_WO: Array, V_WO: Array, X_FG: Array, options: PaperOptions
 ) -> tuple[Array, Array, Array]:
     """Joint velocity down the energy by the damped pseudo-inverse, nothing enforced.
 

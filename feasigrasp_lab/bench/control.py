@@ -48,8 +48,6 @@ from feasigrasp_lab.results.timing import Case, report_bench, time_cases
 #: Where the object is, and its twist [angular; linear]. Source: guessed.
 X_WO = se3.make_pose(se3.so3_exp([0.2, -0.1, 0.4]), [0.5, 0.0, 0.5])
 V_WO = np.array([0.1, 0.0, 0.2, 0.1, 0.0, 0.0])
-#: Groups of grasps are this far apart, in radians and tenths of a metre. Source: guessed.
-_APART, _PER_METRE = 1.0, np.array([1.0, 1.0, 1.0, 10.0, 10.0, 10.0])
 
 
 def grasps_in_reach(
@@ -63,13 +61,15 @@ def grasps_in_reach(
         per_group: Grasps in each, which differ by some millimetres and degrees.
         rng: Draws them.
     """
+    # Groups are this far apart, in radians and tenths of a metre.
+    apart, units = 1.0, np.array([1.0, 1.0, 1.0, 10.0, 10.0, 10.0])
     X_FG, arm, home = reachability.gripper.X_FG, reachability.arm, reachability.arm.home
     centers: list[Array] = []
     groups: list[Array] = []
     while len(groups) < n_groups:
         center = forward_kinematics(home + rng.uniform(-0.9, 0.9, len(home)), X_FG, arm)
         gaps = [se3.log(se3.inverse(center) @ other) for other in centers]
-        if any(np.linalg.norm(gap * _PER_METRE) < _APART for gap in gaps):
+        if any(np.linalg.norm(gap * units) < apart for gap in gaps):
             continue
         spread = rng.normal(0.0, 1.0, (2 * per_group, 6)) * ([0.03] * 3 + [0.003] * 3)
         X_WG = center @ se3.exp(spread)
@@ -115,13 +115,8 @@ class ControllerProbe:
         few = rng.permutation(len(grasps))[: max(1, 4 * len(grasps) // 5)]
         self._views = cycle([grasps.select(np.sort(few)), grasps])
         poses = X_WO @ se3.exp(rng.normal(0.0, 0.01, (inputs, 6)))
-        self.inputs = list(
-            zip(
-                home + rng.normal(0.0, 0.05, (inputs, len(home))),
-                map(RigidTransform, poses),
-                strict=True,
-            )
-        )
+        positions = home + rng.normal(0.0, 0.05, (inputs, len(home)))
+        self.inputs = list(zip(positions, map(RigidTransform, poses), strict=True))
         self._next = cycle(self.inputs)
 
     def next_inputs(self) -> tuple[Array, RigidTransform]:
@@ -185,11 +180,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def cases(seed: int) -> Iterator[Case]:
-    """Everything that is timed.
-
-    Args:
-        seed: Seed of the grasps and of the inputs that follow one another.
-    """
+    """Everything that is timed; the seed is that of the grasps and of the inputs."""
     # Sizes that the peers are timed with.
     peers_task, peers_joint = (1, 10), (10, 100)
     reachability = Reachability()

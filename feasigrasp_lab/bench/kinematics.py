@@ -17,12 +17,6 @@ from feasigrasp_lab.peers import DrakeArm
 from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.timing import Case, report_bench, time_cases
 
-#: Configurations whose self-collision is tested in one call. Source: guessed.
-COLLISION_BATCH = 4096
-
-_FK, _COLLISION = "bench.fk_jacobian_us.100", "bench.self_collision_us"
-_INVERSE = "bench.ik_100x16_ms"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
@@ -30,28 +24,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def cases(seed: int) -> Iterator[Case]:
-    """What is timed.
-
-    Args:
-        seed: Seed of the random configurations, uniform inside the joint limits.
-    """
-    # Configurations and poses of a batch, arm angles tried for each pose.
-    count, arm_angles = 100, 16
-    rng = np.random.default_rng(seed)
-    Q = IIWA_7.random_positions(rng, COLLISION_BATCH)
-    batch = Q[:count].copy()
+    """What is timed, on random configurations, uniform inside the joint limits."""
+    # Configurations whose self-collision is tested in one call; others have batches of 100.
+    Q = IIWA_7.random_positions(np.random.default_rng(seed), 4096)
+    batch = Q[:100].copy()
     X_WF = forward_kinematics(batch)
     reachability = Reachability(
-        n_arm_angles=arm_angles, limit_margin=0.0, clearance=0.0, table_height=-10.0
+        n_arm_angles=16, limit_margin=0.0, clearance=0.0, table_height=-10.0
     )
     X_WG = X_WF @ reachability.gripper.X_FG
-    drake = DrakeArm()
-    yield Case(_FK, "default", lambda: pose_and_jacobian(batch))
-    yield Case(_FK, "peer:drake", lambda: drake.pose_and_jacobian(batch))
-    yield Case(_COLLISION, "default", lambda: in_collision(Q), len(Q))
-    yield Case(_COLLISION, "peer:drake", lambda: drake.in_collision(Q), len(Q))
-    yield Case(_INVERSE, "default", lambda: reachability.nearest(X_WG, IIWA_7.home))
-    flow = load_ik_flow()
+    drake, flow = DrakeArm(), load_ik_flow()
+    forward, collision = "bench.fk_jacobian_us.100", "bench.self_collision_us"
+    yield Case(forward, "default", lambda: pose_and_jacobian(batch))
+    yield Case(forward, "peer:drake", lambda: drake.pose_and_jacobian(batch))
+    yield Case(collision, "default", lambda: in_collision(Q), len(Q))
+    yield Case(collision, "peer:drake", lambda: drake.in_collision(Q), len(Q))
+    inverse = "bench.ik_100x16_ms"
+    yield Case(inverse, "default", lambda: reachability.nearest(X_WG, IIWA_7.home))
     yield Case("bench.ik_flow_ms.100", "default", lambda: flow.solve(X_WF))
 
 

@@ -41,10 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def random_grasps(seed: int) -> GraspSet:
     """The grasps that the filters get; about half of them can be reached."""
     # Grasps have any orientation and are this far from the object's centre at most, per axis [m].
-    object_size = 0.05
-    rng = np.random.default_rng(seed)
+    rng, size = np.random.default_rng(seed), 0.05
     X_OG = se3.random_pose(rng, GRASPS)
-    X_OG[:, :3, 3] = rng.uniform(-object_size, object_size, (GRASPS, 3))
+    X_OG[:, :3, 3] = rng.uniform(-size, size, (GRASPS, 3))
     return GraspSet(X_OG, np.full(GRASPS, 0.05), rng.random(GRASPS))
 
 

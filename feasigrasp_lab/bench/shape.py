@@ -26,20 +26,19 @@ from feasigrasp_lab.paper.field import PAPER
 from feasigrasp_lab.results.arguments import add_common_arguments, select_objects
 from feasigrasp_lab.results.timing import Case, Timing, cpu_time, report_bench, timing_row
 
-#: Where the camera looks from, relative to the object's centre [m]. Source: guessed.
-CAMERA = np.array([0.35, 0.2, 0.3])
 #: Nodes of the fields that are timed. Source: guessed.
 SIZES = (512, 1024)
 
 
 def partial_cloud(name: str, seed: int) -> Array:
-    """Noisy points of the side of an object that faces the camera, (CLOUD_POINTS, 3) [m]."""
-    # Points of a cloud, as a camera half a metre away sees them, and their noise [m].
-    cloud_points, depth_noise = 4000, 0.001
+    """Noisy points of the side of an object that faces a camera, (4000, 3) [m]."""
+    # Points of a cloud, as a camera half a metre away sees them, and their noise [m]; where that
+    # camera is, relative to the object's centre [m].
+    cloud_points, depth_noise, camera = 4000, 0.001, np.array([0.35, 0.2, 0.3])
     obj = load_object(name)
     mesh = trimesh.Trimesh(obj.vertices, obj.faces)
     points, faces = trimesh.sample.sample_surface(mesh, 8 * cloud_points, seed=seed)
-    to_camera = CAMERA + mesh.bounds.mean(axis=0) - points
+    to_camera = camera + mesh.bounds.mean(axis=0) - points
     facing = np.einsum("ni,ni->n", mesh.face_normals[faces], to_camera) > 0.0
     seen = np.asarray(points[facing][:cloud_points], dtype=float)
     return seen + np.random.default_rng(seed).normal(scale=depth_noise, size=seen.shape)
@@ -114,12 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def cases(cloud: Array, seed: int) -> Iterator[Case]:
-    """What is timed.
-
-    Args:
-        cloud: Cloud of one object, shape (n, 3) [m].
-        seed: Seed of the queries.
-    """
+    """What is timed on a cloud (n, 3) [m] of one object, at random queries."""
     rng = np.random.default_rng(seed)
     for n in SIZES:
         name, points = f"bench.gpdf_fit_ms.{n}", cloud[farthest_points(cloud, n)]

@@ -6,8 +6,6 @@ number of poses. The M step moves every mean once, by its mean tangent (generali
 Laird, Rubin 1977); over the iterations it gets to where that vanishes.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from feasigrasp.models.arrays import Array
@@ -22,18 +20,6 @@ from feasigrasp_lab.mixtures.mixture import (
 
 #: Responsibilities below this are zero: the sums would round them away. Source: numerical.
 _NEGLIGIBLE = 1e-16
-
-
-class Stop(NamedTuple):
-    """Termination criteria of EM.
-
-    Attributes:
-        max_iterations: Bound on the number of E steps.
-        tolerance: Least gain of the log likelihood per pose.
-    """
-
-    max_iterations: int
-    tolerance: float
 
 
 @compiled
@@ -66,7 +52,8 @@ def expectation_maximization(
     means: Array,
     covariances: Array,
     floor: Array,
-    stop: Stop,
+    max_iterations: int,
+    tolerance: float,
 ) -> tuple[Array, Array, Array, list[float]]:
     """EM from a given mixture.
 
@@ -76,7 +63,8 @@ def expectation_maximization(
         means: Initial means, shape (K, 4, 4) [m].
         covariances: Initial covariances, shape (K, 6, 6).
         floor: Variance added to the diagonal of each covariance by each M step, shape (6,).
-        stop: When to end.
+        max_iterations: Bound on the number of E steps.
+        tolerance: Least gain of the log likelihood per pose; with less it ends.
 
     Returns:
         Weights (K',), means (K', 4, 4), covariances (K', 6, 6) and the log likelihood of every
@@ -84,7 +72,7 @@ def expectation_maximization(
     """
     history: list[float] = []
     previous = -np.inf
-    while len(history) < stop.max_iterations:
+    while len(history) < max_iterations:
         K = len(weights)
         mass, first, second = np.zeros(K), np.zeros((K, 6)), np.zeros((K, 6, 6))
         mixture = parameters_of(weights, means, covariances)
@@ -96,7 +84,7 @@ def expectation_maximization(
             weights = weights / weights.sum()
             previous = -np.inf
             continue
-        if history[-1] - previous < stop.tolerance * len(X):
+        if history[-1] - previous < tolerance * len(X):
             break
         previous = history[-1]
         step = first / mass[:, None]

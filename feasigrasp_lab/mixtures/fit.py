@@ -15,7 +15,7 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.quantities import POSES, Count, Number, Positive
-from feasigrasp_lab.mixtures.em import Stop, expectation_maximization
+from feasigrasp_lab.mixtures.em import expectation_maximization
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture, bic
 
 #: The distance that weighs as much as one radian in seeding [m/rad]. Source: guessed.
@@ -84,10 +84,8 @@ def fit_riemannian_mixture(
     Raises:
         GraspError: If X is empty, not finite or not rigid, or a parameter is out of range.
     """
-    problem = _Problem(
-        np.asarray(X), Stop(max_iterations, tolerance), rotation_floor, translation_floor
-    )
-    return problem.seeded(n_components, rng).mixture
+    settings = max_iterations, tolerance, rotation_floor, translation_floor
+    return _Problem(np.asarray(X), *settings).seeded(n_components, rng).mixture
 
 
 @checked(GraspError)
@@ -98,8 +96,6 @@ def fit_best_mixture(
     *,
     start: RiemannianMixture | None = None,
     max_rotation: Annotated[float, Number(above=0.0, most=math.pi)] = math.pi,
-    max_iterations: Count = 50,
-    tolerance: float = 1e-4,
 ) -> RiemannianMixture:
     """The fit with the lowest Bayesian information criterion (BIC).
 
@@ -116,13 +112,12 @@ def fit_best_mixture(
         max_rotation: Fits that leave a pose farther than this from all means [rad] are taken only
             if all do. A wide Gaussian that straddles opposite hand poses has its mean where no
             pose is; BIC alone can prefer it when poses are few.
-        max_iterations: See :func:`fit_riemannian_mixture`.
-        tolerance: See there.
 
     Raises:
         GraspError: As :func:`fit_riemannian_mixture`.
     """
-    problem = _Problem(np.asarray(X), Stop(max_iterations, tolerance))
+    # Coarser than a fit alone: most of these are thrown away.
+    problem = _Problem(np.asarray(X), max_iterations=20, tolerance=1e-3)
     most = max(1, min(max_components, len(problem.X)))
     if start is None:
         fits = [problem.seeded(k, rng) for k in range(1, most + 1)]
@@ -152,7 +147,8 @@ class _Problem:
     """Poses (n, 4, 4) to fit to, and how to fit."""
 
     X: Array
-    stop: Stop
+    max_iterations: int
+    tolerance: float
     rotation_floor: float = 0.05
     translation_floor: float = 0.005
     scale: Array = field(init=False)
@@ -197,7 +193,6 @@ class _Problem:
         return fits
 
     def _em(self, weights: Array, means: Array, covariances: Array) -> _Fit:
-        *found, history = expectation_maximization(
-            self.X, weights, means, covariances, self.floor, self.stop
-        )
+        start, stop = (weights, means, covariances), (self.max_iterations, self.tolerance)
+        *found, history = expectation_maximization(self.X, *start, self.floor, *stop)
         return _Fit(RiemannianMixture(*found), history[-1])

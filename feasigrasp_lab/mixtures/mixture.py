@@ -55,10 +55,7 @@ def parameters_of(weights: Array, means: Array, covariances: Array) -> Parameter
 
 @compiled
 def relative_log_kernel(
-    mean: Array,
-    m: Array,
-    q: tuple[float, float, float, float],
-    p: tuple[float, float, float],
+    mean: Array, m: Array, q: tuple[float, float, float, float], p: tuple[float, float, float]
 ) -> tuple[float, float, float, float, float, float]:
     """Log(mean^-1 x) of a pose x with unit quaternion q and position p; m is that of the mean."""
     w = m[0] * q[0] + m[1] * q[1] + m[2] * q[2] + m[3] * q[3]

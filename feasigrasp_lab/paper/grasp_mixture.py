@@ -82,13 +82,7 @@ def fit_grasp_mixture(
     if previous is not None and _explains(previous.mixture, grasps.X_OG):
         start = previous.mixture
     mixture = fit_best_mixture(
-        grasps.X_OG,
-        rng,
-        max_components,
-        start=start,
-        max_rotation=MAX_ROTATION,
-        max_iterations=20,
-        tolerance=1e-3,
+        grasps.X_OG, rng, max_components, start=start, max_rotation=MAX_ROTATION
     )
     log_density = mixture.component_log_densities(grasps.X_OG)
     component = np.argmax(log_density + mixture.parameters[0], axis=1)

@@ -128,13 +128,11 @@ class IkFlow(Frozen):
         A few do not reach their pose: compare forward kinematics.
         """
         X_WF = np.asarray(X_WF)
-        return refine(X_WF, self.sample(X_WF, seed), 3, DAMPING, limit_margin=0.0)[0]
+        return refine(X_WF, self.sample(X_WF, seed), 3, DAMPING)[0]
 
     @checked()
     def inverse(
-        self,
-        X_WF: Annotated[ArrayLike, POSES],
-        u: Annotated[ArrayLike, _LATENTS],
+        self, X_WF: Annotated[ArrayLike, POSES], u: Annotated[ArrayLike, _LATENTS]
     ) -> Array:
         """From latents to configurations.
 

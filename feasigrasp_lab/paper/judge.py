@@ -36,11 +36,7 @@ from feasigrasp.systems.ports import (
     declare_output,
     optional,
 )
-from feasigrasp_lab.paper.predicted_reachability import (
-    WAY_IN,
-    Judge,
-    judge_grasps,
-)
+from feasigrasp_lab.paper.predicted_reachability import WAY_IN, Judge, judge_grasps
 from feasigrasp_lab.paper.reachable_space import ReachableSpace, SpaceName
 
 

@@ -140,8 +140,7 @@ class PaperJointController(Unenforced, GraspController):
     def update(self, memory: Solutions, inputs: ControllerInputs) -> Solutions:
         """The solutions to follow."""
         return self._control.update(
-            *(memory, inputs.time, inputs.grasps, inputs.X_WO, inputs.V_WO, inputs.q),
-            inputs.motion,
+            *(memory, inputs.time, inputs.grasps, inputs.X_WO, inputs.V_WO, inputs.q), inputs.motion
         )
 
     def velocity(self, memory: Solutions, inputs: ControllerInputs) -> Array:

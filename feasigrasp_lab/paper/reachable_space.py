@@ -24,15 +24,15 @@ from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.quantities import UNKNOWN_POSES
-from feasigrasp.outputs import replacing
 from feasigrasp_lab import WEIGHTS
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture
+from feasigrasp_lab.results.finished import write_arrays
 
 #: The file of flange poses of the iiwa 7 with its hand.
 DEFAULT_FILE = WEIGHTS / "reachable_space.npz"
 #: With as many components as the paper's, 64, fitted to poses of uniform joint samples as there.
 PAPER_FILE = WEIGHTS / "reachable_space_paper.npz"
-_ARRAYS = ("weights", "means", "covariances", "threshold")
+_ARRAYS = ("weights", "means", "covariances")
 
 
 class SpaceName(StrEnum):
@@ -84,15 +84,9 @@ class ReachableSpace(Frozen):
     @checked(ReachabilityError)
     def save(self, path: str | Path) -> None:
         """Writes the space as ``.npz``, whole or not at all."""
-        with replacing(path) as file:
-            np.savez_compressed(
-                file,
-                weights=self.mixture.weights,
-                means=self.mixture.means,
-                covariances=self.mixture.covariances,
-                threshold=np.float64(self.threshold),
-                metadata=np.array(json.dumps(dict(self.metadata))),
-            )
+        arrays = {name: getattr(self.mixture, name) for name in _ARRAYS}
+        metadata = np.array(json.dumps(dict(self.metadata)))
+        write_arrays(path, {**arrays, "threshold": self.threshold, "metadata": metadata})
 
     @classmethod
     @checked(ReachabilityError)
@@ -102,22 +96,18 @@ class ReachableSpace(Frozen):
         Raises:
             ReachabilityError: The file is missing, or is no reachable space.
         """
-        path = Path(path)
         mend = "make one with: feasigrasp fit reachability"
-        if not path.is_file():
+        if not Path(path).is_file():
             raise ReachabilityError(f"{path}: no such file; {mend} --out DIR")
         try:
             stored = read_arrays(path)
-            missing = sorted({*_ARRAYS, "metadata"} - set(stored))
-            if missing:
-                raise ReachabilityError(
-                    f"{path} is no reachable space, it lacks {', '.join(missing)}; {mend}"
-                )
-            weights, means, covariances, threshold = (stored[name] for name in _ARRAYS)
+            mixture = RiemannianMixture(*(stored[name] for name in _ARRAYS))
             metadata = json.loads(str(stored["metadata"]))
-            return cls(RiemannianMixture(weights, means, covariances), float(threshold), metadata)
-        except ReachabilityError:
-            raise
+            return cls(mixture, float(stored["threshold"]), metadata)
+        except KeyError as error:
+            raise ReachabilityError(
+                f"{path} is no reachable space, it lacks {error}; {mend}"
+            ) from None
         except (ValueError, TypeError, FeasigraspError) as error:
             raise ReachabilityError(f"{path} is no reachable space ({error}); {mend}") from error
 

@@ -200,12 +200,7 @@ def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gain, gradient, damping):
 
 
 def paper_task_space_velocity(
-    q: Array,
-    grasps: GraspMixture,
-    X_WO: Array,
-    V_WO: Array,
-    X_FG: Array,
-    options: PaperOptions,
+    q: Array, grasps: GraspMixture, X_WO: Array, V_WO: Array, X_FG: Array, options: PaperOptions
 ) -> Array:
     """The paper's law, printed or corrected as the options say: ``qd = J^+ V``, nothing enforced.
 

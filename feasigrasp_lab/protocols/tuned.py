@@ -45,14 +45,9 @@ def _entries() -> list[dict[str, Any]]:
 def rows_apart(
     records: Sequence[dict[str, Any]], make: Callable[[Sequence[dict[str, Any]]], list[Row]]
 ) -> list[Row]:
-    """Rows of both kinds of runs; no row is of both.
+    """Rows of both kinds of runs, with `Row.tuned`; no row is of both.
 
-    Args:
-        records: Records of runs.
-        make: Makes the rows of some of them.
-
-    Returns:
-        Rows with `Row.tuned`. If there are both kinds, the presets of one begin with `TUNED`.
+    If there are both kinds, the presets of one begin with `TUNED`.
     """
     parts = grouped(records, lambda run: is_tuned(run["scenario"], run["object"], run["seed"]))
     rows = []

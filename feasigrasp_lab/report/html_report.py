@@ -38,9 +38,6 @@ def write_page(folder: Path, sections: Mapping[Path, str], replays: int = 0) -> 
             images are named as seen from the folder.
         replays: Of so many of the worst failures without a replay one is made, by running them
             again.
-
-    Returns:
-        The file.
     """
     records, before = _records(folder), "data:image/png;base64,"
     images = {
@@ -157,9 +154,7 @@ def _failures_part(folder: Path, records: Mapping[Path, Record], replays: int) -
 def markdown_html(text: str, images: Mapping[str, str]) -> str:
     """The Markdown that commands write, as HTML: headings, tables, images, code, bold, text.
 
-    Args:
-        text: The Markdown.
-        images: What stands for an image in the page, by its name in the text.
+    The images are what stands for them in the page, by their names in the text.
     """
     return "\n".join(_block_html(block, images) for block in text.strip().split("\n\n"))
 

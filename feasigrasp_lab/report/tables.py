@@ -121,13 +121,7 @@ _TABLES = (
     _Table(
         "Ablations",
         r"all-[\w-]+/(task|joint)/safe",
-        (
-            "held_percent",
-            "held_change_percent",
-            "held_after_s",
-            "held_after_change_s",
-            *HANDLING,
-        ),
+        ("held_percent", "held_change_percent", "held_after_s", "held_after_change_s", *HANDLING),
         ablations=True,
         note="Changes are those of the same object, scenario and seed against `full`; of times, "
         "where both held. Intervals are of objects drawn anew.",
@@ -150,13 +144,10 @@ _TABLES = (
 )
 
 
-def dynamic_report(rows: Sequence[Row], folder: Path, conditions: str = "") -> str:
+def dynamic_report(rows: Sequence[Row], folder: Path, conditions: str) -> str:
     """The report on the dynamic evaluation; draws the speed curves in ``folder``.
 
-    Args:
-        rows: Rows of ``summary.json``.
-        folder: Where the figure goes.
-        conditions: What stands under every table.
+    Under every table stand the conditions.
     """
     found = _by_preset(rows, "dynamic.")
     parts = []
@@ -212,13 +203,8 @@ def _printed_table_2() -> list[list[str]]:
     ]
 
 
-def static_report(rows: Sequence[Row], conditions: str = "") -> str:
-    """The report on objects at rest, beside the paper's Table I and its ablation.
-
-    Args:
-        rows: Rows of ``summary.json``.
-        conditions: What stands under every table.
-    """
+def static_report(rows: Sequence[Row], conditions: str) -> str:
+    """The report on objects at rest, beside the paper's Table I and its ablation."""
     found = _by_preset(rows, "static.")
     mean, deviation = TABLE_1
     names = [name for name in HANDLING if any(name == n for _, n in found)]
@@ -258,11 +244,7 @@ _RESTS = {
 
 
 def faults_report(rows: Sequence[Row]) -> str:
-    """The report on faults: one line for each, and what holds for all of them.
-
-    Args:
-        rows: Rows of ``summary.json``.
-    """
+    """The report on faults: one line for each, and what holds for all of them."""
     found = _by_preset(rows, "faults.")
     lines = []
     for name in (*FAULTS, "all"):

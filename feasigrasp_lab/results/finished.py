@@ -20,12 +20,7 @@ Record = dict[str, Any]
 
 
 def read_finished(filename: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
-    """What a JSON file holds, if its entries are as wanted; None if it is missing or no such file.
-
-    Args:
-        filename: The file.
-        wanted: Entries that it must have, e.g. revision, versions and settings.
-    """
+    """What a JSON file holds, if it has the entries that are wanted; else None."""
     try:
         content = read_json(filename)
     except InputError:
@@ -73,7 +68,7 @@ def _finish(filename: Path, key: Mapping[str, Any], make: Callable[[], Sequence[
     write_json({"key": key, "records": records}, filename)
 
 
-def write_arrays(filename: Path, arrays: Mapping[str, Any]) -> None:
+def write_arrays(filename: str | Path, arrays: Mapping[str, Any]) -> None:
     """Writes an ``npz`` file: one of its name is a whole one."""
     with replacing(filename) as file:
         np.savez_compressed(file, **arrays)
@@ -102,26 +97,25 @@ def read_shards(files: Iterable[Path], names: Sequence[str]) -> dict[str, Any]:
 
 
 def make_shards(
-    files: Sequence[Path], make: Callable[[Path, int], bool], *, jobs: int, desc: str
-) -> int:
+    files: Sequence[Path], make: Callable[[Path, int], None], *, jobs: int, desc: str
+) -> list[Path]:
     """Makes the shards that are not there yet, with a progress bar.
 
     Args:
         files: Where they are, in the order of their numbers.
-        make: Makes one, from its file and number; whether it did.
+        make: Makes one, from its file and number, unless there is nothing to put into it.
         jobs: Processes at a time.
         desc: What the bar is called.
 
     Returns:
-        How many are there in the end.
+        Those that are there in the end.
     """
-    missing = [number for number, file in enumerate(files) if not file.exists()]
+    missing = [(file, number) for number, file in enumerate(files) if not file.exists()]
     there = len(files) - len(missing)
     with tqdm(total=len(files), initial=there, desc=desc, unit="shard") as bar:
-        for made in in_processes(make, [(files[n], n) for n in missing], jobs):
-            there += made
-            bar.update(made)
-    return there
+        for _ in in_processes(make, missing, jobs):
+            bar.update()
+    return [file for file in files if file.exists()]
 
 
 def report_reuse(kept: int, total: int, folder: Path) -> None:

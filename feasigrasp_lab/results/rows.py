@@ -53,9 +53,7 @@ class Row:
     @classmethod
     def of(cls, name: str, preset: str, estimate: Estimate, unit: str, factor: float = 1.0) -> Row:
         """A row from an estimate; ``factor`` converts its figures to ``unit``."""
-        low, high = (
-            None if bound is None else factor * bound for bound in (estimate.low, estimate.high)
-        )
+        low, high = (b if b is None else factor * b for b in (estimate.low, estimate.high))
         return cls(name, preset, factor * estimate.value, low, high, unit, estimate.n)
 
     @classmethod
@@ -123,15 +121,9 @@ def cholesky_ms() -> float:
 def write_summary(
     filename: Path, command: str, git: str | None, seed: int, rows: Sequence[Row], **more: Any
 ) -> None:
-    """Writes ``summary.json``, see ``docs/results_schema.md``.
+    """Writes ``summary.json``, see ``docs/results_schema.md``; ``more`` are further entries.
 
-    Args:
-        filename: Where.
-        command: The command line that made it.
-        git: The revision it was made with.
-        seed: Its seed.
-        rows: The figures.
-        **more: Further entries of the file, e.g. ``quick=True``.
+    The command is a whole command line, ``git`` the revision.
     """
     content = {
         "command": command,

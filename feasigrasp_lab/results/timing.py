@@ -34,7 +34,7 @@ class Timing(Estimate):
     high: float
 
 
-def cpu_time(function: Callable[[], object], seconds: float = 1.0) -> Timing:
+def cpu_time(function: Callable[[], object], seconds: float) -> Timing:
     """Times a function by the processor time of the process, all its threads together.
 
     Processor time leaves out what other processes take away by being run; what they do to caches
@@ -90,14 +90,7 @@ def time_cases(cases: Iterable[Case], seconds: float) -> list[Row]:
 
 
 def report_bench(args: argparse.Namespace, what: str, rows: Sequence[Row], **more: Any) -> None:
-    """Writes ``timings.csv`` and ``summary.json`` and prints the rows.
-
-    Args:
-        args: Arguments of the command.
-        what: The command without ``feasigrasp bench``, e.g. ``kinematics``.
-        rows: The figures.
-        **more: Further entries of the summary.
-    """
+    """As `report_rows` for ``bench <what>``; writes ``timings.csv`` as well."""
     heads = ("name", "preset", "median", "low", "high", "unit", "repetitions")
     lines = [(r.name, r.preset, r.value, r.low, r.high, r.unit, r.n) for r in rows]
     write_csv(args.out / "timings.csv", lines, heads)

@@ -66,16 +66,10 @@ def in_processes(
     *,
     ordered: bool = False,
 ) -> Iterator[Result]:
-    """Does the tasks in processes that end with this one, however that ends.
-
-    Args:
-        work: Does one; its arguments are those of the task.
-        tasks: Arguments of each.
-        jobs: Processes.
-        ordered: Whether results come in the order of the tasks.
+    """Does the tasks, arguments of ``work``, in processes that end with this one, however it ends.
 
     Yields:
-        The result of each.
+        The result of each, in their order only if ``ordered``.
     """
     how = "generator" if ordered else "generator_unordered"
     yield from joblib.Parallel(jobs, return_as=how)(

@@ -19,10 +19,6 @@ from feasigrasp.scenario.files import parse_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 
-#: Where the object goes then, one way or the other, before the arm could feel it [m], [s]. Source:
-#: guessed.
-_AWAY, _QUICKLY = ([1.3, 0.3, 0.55], [1.3, -0.3, 0.55]), 0.4
-
 
 class ArmLog(NamedTuple):
     """The arm at every tick of the control.
@@ -95,18 +91,19 @@ def blind_pairs(scenario: Scenario) -> dict[str, tuple[Scenario, Scenario]]:
     used either; in the others the object leaves to different places at an instant from which on
     there is no image and no new pose.
     """
-    # When what is known of the object ends in `blind_pairs` [s], and when they end.
-    blind_from, blind_until = 0.5, 2.5
+    # When what is known of the object ends, and where it goes then, one way or the other, before
+    # the arm could feel it [s], [m].
+    blind_from, quickly, away = 0.5, 0.4, ([1.3, 0.3, 0.55], [1.3, -0.3, 0.55])
     plain = copy.deepcopy(scenario)
-    plain.simulation_duration = blind_until
+    plain.simulation_duration = 2.5
     nan, lost = (copy.deepcopy(plain) for _ in range(2))
     nan.faults = [PoseNan()]
     lost.tracker.dropout = 1.0
     pairs = {"pose_nan": (nan, _aside(nan)), "dropout": (lost, _aside(lost))}
     for name, kind in (("pose_nan_later", PoseNan), ("pose_frozen", PoseFrozen)):
         one, other = (copy.deepcopy(plain) for _ in range(2))
-        for each, place in zip((one, other), _AWAY, strict=True):
-            leaving = ObjectMoved(start=blind_from, to=place, ramp=_QUICKLY)
+        for each, place in zip((one, other), away, strict=True):
+            leaving = ObjectMoved(start=blind_from, to=place, ramp=quickly)
             each.faults = [kind(start=blind_from), CameraGone(start=blind_from), leaving]
         pairs[name] = one, other
     return pairs

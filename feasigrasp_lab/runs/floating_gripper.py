@@ -166,10 +166,10 @@ class FloatingGripper:
     Args:
         obj: The object.
         gripper: The hand; its model is made of its description.
-        friction: Coulomb friction between pads and object.
     """
 
-    def __init__(self, obj: RigidObject, gripper: ParallelGripper, friction: float = 0.6) -> None:
+    def __init__(self, obj: RigidObject, gripper: ParallelGripper) -> None:
+        friction = 0.6  # Coulomb's, between pads and object
         self._opening = gripper.max_opening
         self._files = tempfile.TemporaryDirectory(prefix="feasigrasp-")
         builder = DiagramBuilder()
@@ -197,8 +197,7 @@ class FloatingGripper:
             self._load.GetOutputPort("finger_state"), plant.get_desired_state_input_port(hand)
         )
         builder.Connect(
-            self._load.GetOutputPort("spatial_force"),
-            plant.get_applied_spatial_force_input_port(),
+            self._load.GetOutputPort("spatial_force"), plant.get_applied_spatial_force_input_port()
         )
         self._diagram = builder.Build()
         self._simulator = Simulator(self._diagram)

@@ -23,13 +23,9 @@ from feasigrasp.systems.hardware.priority import Priority, real_time
 LATE = 0.03
 #: Starts the impairment in a process.
 _BEGIN = signal.SIGUSR1
-#: How long it rests when nothing is there to be carried [s]. Source: guessed.
-_PAUSE = 5e-4
 _IMAGES = channels.image_channel("")
 _TO_CELL = (channels.IIWA_REQUEST, channels.WSG_COMMAND)
 _FROM_CELL = (channels.IIWA_STATUS, channels.WSG_STATUS, channels.OBJECT_POSE, f"{_IMAGES}.*")
-#: What a clock is set by [s]. Source: definition.
-_SET_BY = (-3600.0, -1.0, -0.01, 0.01, 1.0, 3600.0)
 #: Time in every second in which statuses are lost, and for which a guard is stopped [s].
 #: Source: definition.
 LOST = 0.15
@@ -69,7 +65,9 @@ class Relay:
         self._queue: list[tuple[float, int, int, str, bytes]] = []
         self._numbers = itertools.count()
         self._rivals: set[bytes] = set()
-        self._set_by = round(1e6 * float(self._rng.choice(_SET_BY)))
+        # What a clock is set by [s].
+        set_by = self._rng.choice((-3600.0, -1.0, -0.01, 0.01, 1.0, 3600.0))
+        self._set_by = round(1e6 * float(set_by))
         # By direction: an end receives what is published on it, too. The arm's commands come from
         # where the guard is.
         command = [channels.IIWA_COMMAND]
@@ -133,7 +131,7 @@ class Relay:
             _, _, to, channel, data = heapq.heappop(self._queue)
             self._ends[to].Publish(channel, data)
         if not came:
-            time.sleep(_PAUSE)
+            time.sleep(5e-4)
 
 
 class RelayProcess:

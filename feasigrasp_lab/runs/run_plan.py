@@ -27,11 +27,7 @@ _TUNED = {
 
 
 def conditions_text(found: Mapping[str, Any]) -> str:
-    """The conditions as one paragraph, to stand beside a table.
-
-    Args:
-        found: As `feasigrasp_lab.runs.run_plan.conditions` makes them.
-    """
+    """What `conditions` has found as one paragraph, to stand beside a table."""
     speeds = ", ".join(
         f"{name} {speed['path_m_s']:.2f} m/s and {speed['spin_rad_s']:.2g} rad/s"
         for name, speed in found["speeds"].items()
@@ -98,10 +94,6 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
     """The conditions of many runs, for ``summary.json``; ``docs/results_schema.md`` defines them.
 
     An entry that is not the same in all runs is a list of what it is.
-
-    Args:
-        plan: The runs, and what was left out.
-        split: ``development`` or ``test``.
     """
     runs = plan.runs
     by_name: dict[str, Scenario] = {}
@@ -199,7 +191,7 @@ def run_plan(
     Args:
         args: Arguments of the command, those of `add_worker_arguments` among them.
         whole: All runs.
-        split: ``development`` or ``test``, for `conditions`.
+        split: ``development`` or ``test``.
         command: Its name behind ``evaluate``.
         summarize: Makes the rows of records.
         table: What is printed of rows.

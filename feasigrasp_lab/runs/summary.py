@@ -84,9 +84,6 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
     and shares every object counts once; intervals of means come from drawing the objects anew. A
     figure that no run of a group has is left out. Ablations are compared with the runs of the whole
     (`ablation_rows`), controllers with ``task`` (`controller_rows`).
-
-    Args:
-        records: Records of runs.
     """
     return rows_apart(records, _summary_rows)
 

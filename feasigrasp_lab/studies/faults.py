@@ -18,22 +18,12 @@ from feasigrasp_lab.protocols.fault_table import FAULTS
 from feasigrasp_lab.protocols.tuned import rows_apart
 from feasigrasp_lab.results.arguments import add_common_arguments, add_controllers_argument, names
 from feasigrasp_lab.results.finished import Record, finish_all
-from feasigrasp_lab.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp_lab.results.rows import Row, report_rows, write_csv
 from feasigrasp_lab.results.statistics import grouped
-from feasigrasp_lab.runs.fault_plan import (
-    FaultRun,
-    false_alarm,
-    faulty_runs,
-    nominal_runs,
-    outcome,
-)
+from feasigrasp_lab.runs.fault_plan import FaultRun, false_alarm, faulty_runs, nominal_runs, outcome
 from feasigrasp_lab.runs.fault_probe import blind_pairs, leaks, rest_times
 from feasigrasp_lab.runs.isolated import report_crashes, run_all
 from feasigrasp_lab.runs.plan import add_camera_argument, add_scenario_arguments
-
-#: The fault after which the arm must come to rest, and how long that is looked at [s]. Source:
-#: definition.
-_LOST, _LOOKED_AT = "pose_nan", 2.5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,16 +54,12 @@ def main(args: argparse.Namespace) -> int:
         ),
         *_probe_rows(args, nominal, runs),
     ]
-    report_rows(args, "evaluate faults", rows, format_rows(rows))
+    report_rows(args, "evaluate faults", rows)
     return report_crashes(records)
 
 
 def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:
-    """Figures of every fault, and of all of them.
-
-    Args:
-        outcomes: What came of the runs, see `outcome`.
-    """
+    """Figures of every fault, and of all of them, by each run's `outcome`."""
     groups = grouped(outcomes, lambda each: str(each["fault"])) | {"all": list(outcomes)}
     rows = []
     for preset, group in groups.items():
@@ -104,9 +90,9 @@ def _probe_rows(
         for name, pair in blind_pairs(run.scenario).items()
     }
     for run in runs:
-        if run.fault == _LOST:
+        if run.fault == "pose_nan":  # after it the arm must come to rest: it is watched for 2.5 s
             scenario = copy.deepcopy(run.scenario)
-            scenario.simulation_duration = run.start + scenario.tracker.silence + _LOOKED_AT
+            scenario.simulation_duration = run.start + scenario.tracker.silence + 2.5
             items[f"rest-{run.id}"] = {"text": dump_scenario(scenario), "lost_at": run.start}
     results = finish_all(items, args.out / "probes", {}, probe, jobs=args.jobs, desc="probes")
     leaking = [result["leaks"] for result in results if "leaks" in result]

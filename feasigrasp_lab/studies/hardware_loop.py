@@ -24,7 +24,7 @@ from feasigrasp_lab.results.arguments import (
     add_controllers_argument,
 )
 from feasigrasp_lab.results.finished import Record, finish_all
-from feasigrasp_lab.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp_lab.results.rows import Row, report_rows, write_csv
 from feasigrasp_lab.runs.hardware_network import Network
 from feasigrasp_lab.runs.hardware_pair import ProcessFault, run_pair
 from feasigrasp_lab.runs.isolated import run_all
@@ -80,16 +80,14 @@ def main(args: argparse.Namespace) -> int:
     runs = plan(args).runs
     if args.quick:
         runs, args.process_faults, args.networks = runs[:1], 2, 0
-    # One pair after the other by default: two processes keep two processors busy.
-    pairs = max(1, args.jobs // 2)
     inline = run_all(runs, args.out / "inline", args.jobs, desc="one process")
     items = planned_pairs(runs, args.process_faults, args.networks, args.seed)
-    rate = {"rate": args.rate}
-    folder = args.out / "pairs"
+    # One pair after the other by default: two processes keep two processors busy.
+    folder, rate, pairs = args.out / "pairs", {"rate": args.rate}, max(1, args.jobs // 2)
     outcomes = finish_all(items, folder, rate, outcome, jobs=pairs, desc="two processes")
     write_csv(args.out / "pairs.csv", outcomes)
     rows = [*rows_apart(inline, inline_rows), *rows_apart(outcomes, outcome_rows)]
-    report_rows(args, "evaluate hardware-loop", rows, format_rows(rows))
+    report_rows(args, "evaluate hardware-loop", rows)
     return int(any(outcome["crashed"] for outcome in outcomes))
 
 
@@ -120,12 +118,7 @@ def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
     """What came of one pair of processes.
 
     An arm that does not come to rest after a process fault of its controller counts as a broken
-    limit, and so does a driver that had to stop the arm.
-
-    Args:
-        name: Name of the pair.
-        item: One of `planned_pairs`.
-        rate: Of the simulation, at most.
+    limit, and so does a driver that had to stop the arm. ``item`` is one of `planned_pairs`.
     """
     about = ("scenario", "object", "seed", "fault", "at")
     record: Record = {"name": name} | {key: item[key] for key in about}
@@ -162,10 +155,7 @@ def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:
     process_faults = [each for each in outcomes if each["fault"] in _AT_CONTROLLER]
     # The times of a controller on a good network are those of the runs without a fault.
     groups = {"processes": plain, "blows": process_faults}
-    others = [
-        *(fault for fault in ProcessFault if fault not in _AT_CONTROLLER),
-        *Network,
-    ]
+    others = [*(fault for fault in ProcessFault if fault not in _AT_CONTROLLER), *Network]
     groups |= {str(n): [e for e in outcomes if e["fault"] == n] for n in others}
     for preset, group in groups.items():
         if not group:

@@ -44,12 +44,6 @@ from feasigrasp_lab.training.data.views import ViewedObject, turning_views
 
 #: Number of views by condition.
 CONDITIONS = {"1view": 1, "3views": 3}
-#: Generated objects, views of every object, and views of which grasps are simulated. Source:
-#: definition.
-GENERATED, VIEWS, HELD_VIEWS = 40, 2, 1
-QUICK_OBJECTS = 8
-#: Friction of object and fingers in the simulation. Source: definition.
-FRICTION = 0.6
 GRIPPER = ParallelGripper()
 _ABOUT = ("object", "graspable", "view", "condition", "preset")
 #: Columns of the raw files, by kind of record.
@@ -63,13 +57,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/evaluate_sampler", objects=DEFAULT_OBJECTS)
     parser.add_argument(
-        "--views", type=positive, default=VIEWS, help="Number of first views of every object."
+        "--views", type=positive, default=2, help="Number of first views of every object."
     )
     parser.add_argument(
-        "--generated",
-        type=positive,
-        default=GENERATED,
-        help="Number of shapes of the held-out families.",
+        "--generated", type=positive, default=40, help="Number of shapes of the held-out families."
     )
 
 
@@ -85,14 +76,13 @@ def make_samplers() -> dict[str, GraspSamplerFn]:
     }
 
 
-def evaluate_object(name: str, what: str, views: int, held_views: int, seed: int) -> list[Record]:
+def evaluate_object(name: str, what: str, views: int, seed: int) -> list[Record]:
     """Measures all views, conditions and presets of one object.
 
     Args:
-        name: Of the object; seeds its views.
+        name: Of the object; seeds its views, with ``seed``.
         what: See `make_object`.
-        views: Number of first views.
-        held_views: In so many of them the best grasps of a single view are simulated.
+        views: Number of first views; the best grasps of the very first alone are simulated.
         seed: Of the views.
 
     Returns:
@@ -116,7 +106,7 @@ def evaluate_object(name: str, what: str, views: int, held_views: int, seed: int
             for preset, sampler in make_samplers().items():
                 record: Record = {"kind": "set", "preset": preset}
                 records.append(about | record | set_measures(sampler(field), truth))
-            if condition == "1view" and view < held_views:
+            if condition == "1view" and view == 0:
                 records += [about | record for record in _hold(obj, field)]
     return records
 
@@ -126,8 +116,7 @@ def set_measures(grasps: GraspSet, truth: TrueGrasps) -> Record:
 
     Returns:
         ``grasps``, their number; ``valid``, how many are antipodal and free on the true mesh;
-        ``antipodal`` and ``free`` alone; ``top_valid``, whether the best one is (None without one);
-        ``rejected``, how many the filter left out, by reason.
+        ``antipodal`` and ``free`` alone; ``top_valid``, whether the best one is (None without one).
     """
     antipodal = truth.truly_antipodal(grasps.X_OG, GRIPPER.max_opening)
     free = truth.hand_free(grasps.X_OG, GRIPPER)
@@ -138,13 +127,12 @@ def set_measures(grasps: GraspSet, truth: TrueGrasps) -> Record:
         "antipodal": int(antipodal.sum()),
         "free": int(free.sum()),
         "top_valid": int(valid[0]) if len(valid) else None,
-        "rejected": dict(grasps.rejected),
     }
 
 
 def _hold(obj: RigidObject, field: Gpdf) -> list[Record]:
     """Simulates the best grasp of every preset."""
-    hand, records = FloatingGripper(obj, GRIPPER, FRICTION), list[Record]()
+    hand, records = FloatingGripper(obj, GRIPPER), list[Record]()
     for preset, sampler in make_samplers().items():
         for X_OG in sampler(field).X_OG[:1]:
             trial = hand.try_grasp(X_OG)
@@ -156,11 +144,10 @@ def _hold(obj: RigidObject, field: Gpdf) -> list[Record]:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     objects = held_out_objects(args.objects, args.generated, args.seed)
-    views = args.views
+    views = 1 if args.quick else args.views
     if args.quick:
-        objects = dict(list(objects.items())[:: -(-len(objects) // QUICK_OBJECTS)])
-        views = 1
-    settings = {"views": views, "held_views": HELD_VIEWS, "seed": args.seed}
+        objects = dict(list(objects.items())[:: -(-len(objects) // 8)])
+    settings = {"views": views, "seed": args.seed}
     records = finish_all(
         objects, args.out / "objects", settings, evaluate_object, jobs=args.jobs, desc="sampler"
     )

@@ -105,10 +105,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/static", objects="builtin")
     parser.add_argument(
-        "--protocols",
-        type=names,
-        default=list(PROTOCOLS),
-        help="Protocols, separated by commas.",
+        "--protocols", type=names, default=list(PROTOCOLS), help="Protocols, separated by commas."
     )
     parser.add_argument(
         "--trials", type=positive, default=10, help="Number of trials of every object."
@@ -200,8 +197,7 @@ def judge(name: str, item: str) -> list[Record]:
 def summary_rows(records: Sequence[Record]) -> list[Row]:
     """Grasp success and causes of failure, by protocol, ablation and object (`rows_apart`).
 
-    Args:
-        records: Records of trials, their scenario ``Static[Camera]-<protocol>[-<part>]``.
+    The scenario of each record is ``Static[Camera]-<protocol>[-<part>]``.
     """
     return rows_apart(records, _summary_rows)
 

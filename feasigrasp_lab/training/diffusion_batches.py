@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -51,57 +50,44 @@ class Batch(NamedTuple):
     distance: Tensor
 
 
-@dataclass(frozen=True, eq=False)
-class PoseExamples:
-    """Examples as `feasigrasp_lab.training.train_diffusion` makes them, stacked; see there."""
+#: The arrays of some examples by name, as `feasigrasp_lab.training.train_diffusion` writes them.
+PoseExamples = dict[str, NDArray[Any]]
 
-    points: NDArray[np.float32]
-    normals: NDArray[np.float32]
-    X_OG: NDArray[np.float32]
-    places: NDArray[np.float32]
-    distance: NDArray[np.float32]
-    family: NDArray[np.str_]
 
-    def __len__(self) -> int:
-        """Number of examples."""
-        return len(self.family)
+def drawn_batch(
+    examples: PoseExamples, rows: Indices, rng: np.random.Generator, poses: int
+) -> Batch:
+    """Some examples with noise.
 
-    def chosen(self, rows: Indices) -> PoseExamples:
-        """Some of them."""
-        return PoseExamples(*(getattr(self, name)[rows] for name in _ENTRIES))
-
-    def batch(
-        self, rows: Indices, rng: np.random.Generator, *, points: int, poses: int, places: int
-    ) -> Batch:
-        """Some examples with noise.
-
-        Args:
-            rows: Which.
-            rng: Draws everything.
-            points: Points of each cloud, drawn from all.
-            poses: Hand poses beside each cloud.
-            places: Places whose distance is asked for.
-        """
-        B = len(rows)
-        some = rng.random((B, self.points.shape[1])).argsort(1)[:, :points]
-        cloud, normals = (a[rows[:, None], some].astype(float) for a in (self.points, self.normals))
-        mean = cloud.mean(axis=1, keepdims=True)
-        kept = rng.integers(self.X_OG.shape[1], size=(B, poses))
-        X = self.X_OG[rows[:, None], kept].astype(float)
-        X[..., :3, 3] = (X[..., :3, 3] - mean) / LENGTH
-        time = rng.uniform(LEAST_TIME, 1.0, (B, poses))
-        deviation = standard_deviation(torch.from_numpy(time)).numpy().astype(float)
-        noised, gradient = with_noise(X, deviation, rng)
-        where = rng.integers(self.places.shape[1], size=(B, places))
-        at = (self.places[rows[:, None], where] - mean) / LENGTH
-        axes = se3.rotations(rng.standard_normal((B, places, 4)))
-        times = rng.uniform(LEAST_TIME, 1.0, (B, places))
-        distance = self.distance[rows[:, None], where] / LENGTH
-        parts = (
-            *((cloud - mean) / LENGTH, normals, noised[..., :3, :3], noised[..., :3, 3]),
-            *(time, gradient, at, axes, times, distance),
-        )
-        return Batch(*(torch.from_numpy(np.ascontiguousarray(part)).float() for part in parts))
+    Args:
+        examples: All of them.
+        rows: Which.
+        rng: Draws everything.
+        poses: Hand poses beside each cloud.
+    """
+    # Points of a cloud and places beside it that a step looks at.
+    points, places, B = 256, 64, len(rows)
+    some = rng.random((B, examples["points"].shape[1])).argsort(1)[:, :points]
+    cloud, normals = (
+        examples[name][rows[:, None], some].astype(float) for name in ("points", "normals")
+    )
+    mean = cloud.mean(axis=1, keepdims=True)
+    kept = rng.integers(examples["X_OG"].shape[1], size=(B, poses))
+    X = examples["X_OG"][rows[:, None], kept].astype(float)
+    X[..., :3, 3] = (X[..., :3, 3] - mean) / LENGTH
+    time = rng.uniform(LEAST_TIME, 1.0, (B, poses))
+    deviation = standard_deviation(torch.from_numpy(time)).numpy().astype(float)
+    noised, gradient = with_noise(X, deviation, rng)
+    where = rng.integers(examples["places"].shape[1], size=(B, places))
+    at = (examples["places"][rows[:, None], where] - mean) / LENGTH
+    axes = se3.rotations(rng.standard_normal((B, places, 4)))
+    times = rng.uniform(LEAST_TIME, 1.0, (B, places))
+    distance = examples["distance"][rows[:, None], where] / LENGTH
+    parts = (
+        *((cloud - mean) / LENGTH, normals, noised[..., :3, :3], noised[..., :3, 3]),
+        *(time, gradient, at, axes, times, distance),
+    )
+    return Batch(*(torch.from_numpy(np.ascontiguousarray(part)).float() for part in parts))
 
 
 def with_noise(X: Array, deviation: Array, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -130,9 +116,9 @@ def with_noise(X: Array, deviation: Array, rng: np.random.Generator) -> tuple[Ar
 
 
 def load_pose_examples(
-    files: Sequence[Path], held_out: Sequence[str], seed: int, n_held_out: int
+    files: Sequence[Path], seed: int, n_held_out: int
 ) -> tuple[PoseExamples, PoseExamples]:
-    """Reads shards, and splits off some examples of the families that are held out.
+    """Reads shards; examples to train on, and some of the families that are held out.
 
     Raises:
         TrainingError: One side would be empty.
@@ -140,7 +126,9 @@ def load_pose_examples(
     """
     if not files:
         raise TrainingError("no example has enough grasps; make more objects")
-    everything = PoseExamples(**read_shards(files, _ENTRIES))
-    held, rest = split_families(everything.family, held_out, "there are grasps")
-    held = np.sort(np.random.default_rng(seed).permutation(held)[:n_held_out])
-    return everything.chosen(rest), everything.chosen(held)
+    everything = read_shards(files, _ENTRIES)
+    rest, held = (
+        {name: array[rows] for name, array in everything.items()}
+        for rows in split_families(everything["family"], "there are grasps", seed, n_held_out)
+    )
+    return rest, held

@@ -24,7 +24,7 @@ from feasigrasp.models.grasps.network.contact_features import ContactFeatures, c
 from feasigrasp_lab.networks import Contacts, Heads, chosen_points, ring_directions
 from feasigrasp_lab.paper.grasp_network import PaperGraspNetwork
 from feasigrasp_lab.results.finished import read_shards
-from feasigrasp_lab.training.loop import TrainingError, split_families
+from feasigrasp_lab.training.loop import data_files, split_families
 
 #: Closing directions off by less than this count by the square, beyond it linearly [rad]. Source:
 #: guessed.
@@ -168,35 +168,17 @@ class Examples:
 
 
 def load_examples(
-    folder: Path, held_out: Sequence[str], seed: int, n_held_out: int, most: int | None = None
+    folder: Path, seed: int, n_held_out: int, most: int | None = None
 ) -> tuple[Examples, Examples]:
-    """Reads all shards of a folder and splits off the families that are held out.
-
-    Args:
-        folder: Where the shards are.
-        held_out: Names of the families that are not trained on.
-        seed: Draws the held-out examples that are used.
-        n_held_out: Their number, at most.
-        most: Number of training examples, at most; all when None.
-
-    Returns:
-        Examples to train on, and held-out ones.
+    """Reads all shards of a folder; examples to train on, and held-out ones, by `split_families`.
 
     Raises:
         TrainingError: There are no shards, or one side would be empty.
         InputError: A shard is broken.
     """
-    files = sorted(Path(folder).glob("*.npz"))
-    if not files:
-        raise TrainingError(
-            f"there are no shards in {folder}; make them with `feasigrasp "
-            "train sampler-data`, or name their folder with --data"
-        )
-    data = read_shards(files, ENTRIES)
-    held, rest = split_families(data["family"], held_out, f"{folder} holds examples")
-    rng = np.random.default_rng(seed)
-    held = np.sort(rng.permutation(held)[:n_held_out])
-    rest = np.sort(rng.permutation(rest)[:most])
+    data = read_shards(data_files(folder), ENTRIES)
+    what = f"{folder} holds examples"
+    rest, held = split_families(data["family"], what, seed, n_held_out, most)
     return _stack(data, rest), _stack(data, held)
 
 

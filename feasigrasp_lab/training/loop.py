@@ -10,9 +10,10 @@ import csv
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -27,10 +28,13 @@ from feasigrasp.outputs import replacing, write_json
 from feasigrasp.runs.results.arguments import positive
 from feasigrasp_lab.results.arguments import minutes
 from feasigrasp_lab.results.workers import made_with
+from feasigrasp_lab.training.data.household_shapes import HELD_OUT
 
 Network = TypeVar("Network", bound=nn.Module)
 
 _CHECKPOINT, _CURVE = "checkpoint.pt", "curve.csv"
+#: What a checkpoint holds the state of.
+_PARTS = ("network", "averaged", "optimizer")
 
 
 class TrainingError(FeasigraspError, ValueError):
@@ -45,6 +49,27 @@ def without_denormals() -> Iterator[None]:
         yield
     finally:
         torch.set_flush_denormal(False)
+
+
+def add_data_argument(parser: argparse.ArgumentParser) -> None:
+    """Adds ``--data``."""
+    data = Path("out/sampler_data")
+    parser.add_argument("--data", type=Path, default=data, help="Folder of the training data.")
+
+
+def data_files(folder: Path, pattern: str = "*.npz", what: str = "shards") -> list[Path]:
+    """The files of such names that ``train sampler-data`` has left in a folder.
+
+    Raises:
+        TrainingError: There are none.
+    """
+    files = sorted(folder.glob(pattern))
+    if not files:
+        raise TrainingError(
+            f"there are no {what} in {folder}; make them with `feasigrasp train sampler-data`, or "
+            "name their folder with --data"
+        )
+    return files
 
 
 def add_loop_arguments(
@@ -73,19 +98,17 @@ def add_evaluation_arguments(
     parser.add_argument("--held-out", type=positive, default=held_out, help=help_)
 
 
-def learning_rate(
-    peak: float, step: int, turn: float, *, warm_up: int, least: float = 1e-2
-) -> float:
-    """Linear rise, then half a cosine.
+def learning_rate(peak: float, step: int, done: float, warm_up: int, least: float) -> float:
+    """Linear rise to a peak, then half a cosine down to a share of it.
 
     Args:
         peak: The largest rate.
         step: Number of the step, from 0 on.
-        turn: How far the run has come, from 0 to pi at its end.
+        done: How much of the run is done; 1 at its end.
         warm_up: Steps of the rise.
         least: Share of the largest rate that is left in the end.
     """
-    fall = 0.5 * (1.0 + math.cos(turn))
+    fall = 0.5 * (1.0 + math.cos(math.pi * min(done, 1.0)))
     return peak * min(1.0, (step + 1) / warm_up) * (least + (1.0 - least) * fall)
 
 
@@ -98,21 +121,29 @@ def rows_of_step(n: int, batch: int, seed: int, step: int) -> Indices:
 
 
 def split_families(
-    family: NDArray[np.str_], held_out: Sequence[str], what: str
+    family: NDArray[np.str_], what: str, seed: int, n_held_out: int, most: int | None = None
 ) -> tuple[Indices, Indices]:
-    """The examples of families that are held out, and the others, by the family of each.
+    """Draws examples to train on, and some of the families `HELD_OUT` that judge.
+
+    Args:
+        family: Of each example.
+        what: Whose families these are; begins the message of the error.
+        seed: Of the draw.
+        n_held_out: Number of examples that judge, at most.
+        most: Number of examples to train on, at most; all when None.
 
     Raises:
-        TrainingError: One side would be empty; ``what`` there is begins the message.
+        TrainingError: One side would be empty.
     """
-    of_held = np.isin(family, list(held_out))
+    of_held, rng = np.isin(family, HELD_OUT), np.random.default_rng(seed)
     held, rest = np.flatnonzero(of_held), np.flatnonzero(~of_held)
     if len(held) == 0 or len(rest) == 0:
         raise TrainingError(
             f"{what} of the families {', '.join(np.unique(family))}; to train and to judge, both "
-            f"these held out are needed and others: {', '.join(held_out)}"
+            f"these held out are needed and others: {', '.join(HELD_OUT)}"
         )
-    return held, rest
+    held = np.sort(rng.permutation(held)[:n_held_out])
+    return np.sort(rng.permutation(rest)[:most]), held
 
 
 class TrainingRun(ABC, Generic[Network]):
@@ -141,7 +172,7 @@ class TrainingRun(ABC, Generic[Network]):
     warm_up, least = 100, 1e-2
     #: Largest norm of the gradient.
     largest_gradient = 2.0
-    #: Steps over which the weights are averaged, at most; 0 for no running means.
+    #: Steps over which the weights are averaged, at most.
     averaged_over = 300
 
     def __init__(
@@ -157,12 +188,12 @@ class TrainingRun(ABC, Generic[Network]):
         except RuntimeError as error:
             raise TrainingError(f"cannot train on --device {args.device}: {error}") from None
         self.network.train().requires_grad_(True)
-        self.averaged = self.network
-        if self.averaged_over:
-            self.averaged = deepcopy(self.network).eval().requires_grad_(False)
+        self.averaged = deepcopy(self.network).eval().requires_grad_(False)
+        #: Parts of the network whose gradients are clipped, each by itself.
+        self.clipped: Iterable[nn.Module] = [self.network]
         kind, options = optimizer
         self.optimizer = kind(self.network.parameters(), **options)
-        self.minutes: float | None = getattr(args, "minutes", None)
+        self.minutes: float | None = args.minutes
         if self.minutes is None and args.steps is None:
             self.minutes = args.default_minutes
         self.step, self.seconds, self.worse = 0, 0.0, 0
@@ -187,8 +218,8 @@ class TrainingRun(ABC, Generic[Network]):
                 f"{self.folder} holds a run with {state['identity']}, this one has "
                 f"{self.identity}; choose another --out, or the same arguments to resume"
             )
-        for name, part in self._parts().items():
-            part.load_state_dict(state[name])
+        for name in _PARTS:  # once not all trainings had running means
+            getattr(self, name).load_state_dict(state.get(name, state["network"]))
         self.step, self.seconds, *judged = state["progress"]
         if judged:
             self.best, self.worse = judged
@@ -213,42 +244,31 @@ class TrainingRun(ABC, Generic[Network]):
         return self.seconds / (60.0 * self.minutes)
 
     @property
-    def turn(self) -> float:
-        """The same as an angle from 0 to pi, for the schedule."""
-        return math.pi * min(self.fraction, 1.0)
-
-    @property
     def finished(self) -> bool:
         """Whether its time or its steps are used up, or it got no better for too long."""
-        patience = getattr(self.args, "patience", math.inf)
-        return self.fraction >= 1.0 or self.worse >= patience
+        return self.fraction >= 1.0 or self.worse >= self.args.patience
 
     def advance(self) -> dict[str, float]:
         """One step of the optimiser; the losses of its batch."""
         started = time.perf_counter()
         peak = self.args.learning_rate
-        rate = learning_rate(peak, self.step, self.turn, warm_up=self.warm_up, least=self.least)
+        rate = learning_rate(peak, self.step, self.fraction, self.warm_up, self.least)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         losses = self.losses()
         self.optimizer.zero_grad()
         next(iter(losses.values())).backward()  # type: ignore[no-untyped-call]
-        for part in self.clipped():
+        for part in self.clipped:
             nn.utils.clip_grad_norm_(part.parameters(), self.largest_gradient)
         self.optimizer.step()
         self.step += 1
-        if self.averaged_over:
-            share = max(1.0 / self.averaged_over, 1.0 / self.step)
+        share = max(1.0 / self.averaged_over, 1.0 / self.step)
+        with torch.no_grad():
             pairs = zip(self.averaged.parameters(), self.network.parameters(), strict=True)
-            with torch.no_grad():
-                for mean, now in pairs:
-                    mean.lerp_(now, share)
+            for mean, now in pairs:
+                mean.lerp_(now, share)
         self.seconds += time.perf_counter() - started
         return {name: float(value.detach()) for name, value in losses.items()}
-
-    def clipped(self) -> list[nn.Module]:
-        """The parts of the network whose gradients are clipped, each by itself."""
-        return [self.network]
 
     def evaluate(self, train: Mapping[str, float]) -> dict[str, float]:
         """Held-out figures; writes the curve, the best weights and the checkpoint.
@@ -279,7 +299,7 @@ class TrainingRun(ABC, Generic[Network]):
 
     def save(self) -> None:
         """Writes the checkpoint, whole or not at all."""
-        state = {name: part.state_dict() for name, part in self._parts().items()}
+        state = {name: getattr(self, name).state_dict() for name in _PARTS}
         progress = [self.step, self.seconds, self.best, self.worse]
         with replacing(self.folder / _CHECKPOINT) as file:
             torch.save({"identity": self.identity, **state, "progress": progress}, file)
@@ -322,8 +342,3 @@ class TrainingRun(ABC, Generic[Network]):
         better = value < self.best if self.less_is_better else value > self.best
         self.best = value if better else self.best
         return better
-
-    def _parts(self) -> dict[str, Any]:
-        """What a checkpoint holds the state of."""
-        parts: dict[str, Any] = {"network": self.network, "optimizer": self.optimizer}
-        return parts | ({"averaged": self.averaged} if self.averaged_over else {})

@@ -25,13 +25,19 @@ from feasigrasp_lab.baselines.grasp_diffusion import GraspDiffusion
 from feasigrasp_lab.results.arguments import add_run_arguments
 from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
-from feasigrasp_lab.training.data.household_shapes import HELD_OUT, make_shape
-from feasigrasp_lab.training.diffusion_batches import Batch, PoseExamples, load_pose_examples
+from feasigrasp_lab.training.data.household_shapes import make_shape
+from feasigrasp_lab.training.diffusion_batches import (
+    Batch,
+    PoseExamples,
+    drawn_batch,
+    load_pose_examples,
+)
 from feasigrasp_lab.training.loop import (
-    TrainingError,
     TrainingRun,
+    add_data_argument,
     add_evaluation_arguments,
     add_loop_arguments,
+    data_files,
     rows_of_step,
     without_denormals,
 )
@@ -46,8 +52,8 @@ _ENTRIES = (
 )
 
 
-def write_hand_poses(filename: Path, number: int, *, shards: list[Path]) -> bool:
-    """Writes the examples of one shard of the sampler's data.
+def write_hand_poses(filename: Path, number: int, *, shards: list[Path]) -> None:
+    """Writes the examples of one shard of the sampler's data, if any of them has grasps.
 
     Args:
         filename: Where to: ``points`` and ``normals`` (N, n, 3), ``X_OG`` (N, POSES, 4, 4),
@@ -55,9 +61,6 @@ def write_hand_poses(filename: Path, number: int, *, shards: list[Path]) -> bool
             ``family`` (N,).
         number: Of the shard; seeds what is drawn.
         shards: All of them.
-
-    Returns:
-        Whether there is any example with grasps.
 
     Raises:
         MeshError: The shard's objects are no shapes of our own.
@@ -82,7 +85,6 @@ def write_hand_poses(filename: Path, number: int, *, shards: list[Path]) -> bool
         found["family"].append(family)
     if found["family"]:
         write_arrays(filename, {name: np.stack(parts) for name, parts in found.items()})
-    return bool(found["family"])
 
 
 def valid_poses(truth: TrueGrasps, example: dict[str, Any], rng: np.random.Generator) -> Array:
@@ -134,8 +136,7 @@ def _truth(family: str, seed: int) -> TrueGrasps:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    data = Path("out/sampler_data")
-    parser.add_argument("--data", type=Path, default=data, help="Folder of the training data.")
+    add_data_argument(parser)
     add_run_arguments(parser, out="out/train_diffusion")
     add_loop_arguments(parser, batch=8, rate=2e-3, of="clouds")
     parser.add_argument(
@@ -166,7 +167,7 @@ class Training(TrainingRun[PoseEnergy]):
         self.examples, self.held_out = examples, held_out
         identity = {
             **{"seed": args.seed, "batch": args.batch, "poses": args.poses},
-            **{"examples": len(examples), "held_out": len(held_out)},
+            **{"examples": len(examples["family"]), "held_out": len(held_out["family"])},
         }
         optimizer = torch.optim.AdamW, {"lr": args.learning_rate, "weight_decay": 1e-4}
         network = GraspDiffusion.untrained(args.seed).network
@@ -174,7 +175,8 @@ class Training(TrainingRun[PoseEnergy]):
 
     def losses(self) -> dict[str, Tensor]:
         """The loss of a batch, and its parts."""
-        chosen = rows_of_step(len(self.examples), self.args.batch, self.args.seed, self.step)
+        n, args = len(self.examples["family"]), self.args
+        chosen = rows_of_step(n, args.batch, args.seed, self.step)
         batch = self._drawn(self.examples, chosen, self.step)
         score, distance = errors(self.network, batch)
         parts = {"score": score.mean(), "distance": distance.mean()}
@@ -185,8 +187,9 @@ class Training(TrainingRun[PoseEnergy]):
         # Examples of one evaluation at a time.
         at_once = 8
         scores, fine, distances = [], [], []
-        for start in range(0, len(self.held_out), at_once):
-            rows = np.arange(start, min(start + at_once, len(self.held_out)))
+        n = len(self.held_out["family"])
+        for start in range(0, n, at_once):
+            rows = np.arange(start, min(start + at_once, n))
             batch = self._drawn(self.held_out, rows, -1 - start)
             score, distance = (part.detach() for part in errors(self.averaged, batch))
             scores.append(score.mean(-1).flatten())
@@ -204,11 +207,8 @@ class Training(TrainingRun[PoseEnergy]):
         GraspDiffusion(self.averaged).save(self.folder / self.weights)
 
     def _drawn(self, examples: PoseExamples, rows: np.ndarray, number: int) -> Batch:
-        # Points of a cloud and places beside it that a step looks at.
-        points, places = 256, 64
         rng = np.random.default_rng([self.args.seed, number & 0xFFFFFFFF, 1])
-        sizes = {"points": points, "poses": self.args.poses, "places": places}
-        batch = examples.batch(rows, rng, **sizes)
+        batch = drawn_batch(examples, rows, rng, self.args.poses)
         return Batch(*(part.to(self.args.device) for part in batch))
 
 
@@ -235,21 +235,10 @@ def errors(network: PoseEnergy, batch: Batch) -> tuple[Tensor, Tensor]:
 @without_denormals()
 def main(args: argparse.Namespace) -> int:
     """Trains, or goes on with training."""
-    # What ``--quick`` trains on, and for how long [min].
-    quick_shards, quick_minutes = 8, 1.0
-    shards = sorted(args.data.glob("shape_*.npz"))
-    if not shards:
-        raise TrainingError(
-            f"there are no shards of our own shapes in {args.data}; make them with `feasigrasp "
-            "train sampler-data`, or name their folder with --data"
-        )
+    shards = data_files(args.data, "shape_*.npz", "shards of our own shapes")
     if args.quick:
-        shards = shards[:quick_shards]
-        if args.steps is None and args.minutes is None:
-            args.minutes = quick_minutes
+        shards, args.default_minutes = shards[:8], 1.0
     files = [args.out / "poses" / shard.name for shard in shards]
     make = partial(write_hand_poses, shards=shards)
-    make_shards(files, make, jobs=args.jobs, desc="hand poses")
-    made = [file for file in files if file.exists()]
-    examples, held_out = load_pose_examples(made, HELD_OUT, args.seed, args.held_out)
-    return Training(args, examples, held_out).run()
+    made = make_shards(files, make, jobs=args.jobs, desc="hand poses")
+    return Training(args, *load_pose_examples(made, args.seed, args.held_out)).run()

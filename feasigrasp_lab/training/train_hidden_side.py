@@ -9,7 +9,6 @@ start the same command again to resume.
 
 import argparse
 import itertools
-import math
 from functools import partial
 from pathlib import Path
 
@@ -112,8 +111,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--views", type=positive, default=12, help="Depth images of each shape.")
     parser.add_argument("--steps", type=positive, default=8000, help="Number of training steps.")
     add_loop_arguments(parser, batch=32, rate=2e-3, of="pictures")
-    # Steps between two lines of the curve.
-    parser.set_defaults(every=200)
+    # Steps between two lines of the curve; the last weights count as the best, so patience lasts.
+    parser.set_defaults(every=200, minutes=None, patience=1)
     parser.add_argument("--quick", action="store_true", help="Train on a sample, for 1 minute.")
 
 
@@ -168,7 +167,7 @@ def object_pictures(
     return np.stack(seen), np.stack(truth)
 
 
-def _write_shard(filename: Path, number: int, *, views: int, seed: int) -> bool:
+def _write_shard(filename: Path, number: int, *, views: int, seed: int) -> None:
     seen, truth, held = [], [], []
     for index in range(number * SHARD, (number + 1) * SHARD):
         pictures, thickness = object_pictures(index, views, seed)
@@ -177,7 +176,6 @@ def _write_shard(filename: Path, number: int, *, views: int, seed: int) -> bool:
         held.append(np.full(len(pictures), shape_of(index, seed)[0] in HELD_OUT))
     arrays = {"pictures": seen, "thickness": truth, "held_out": held}
     write_arrays(filename, {name: np.concatenate(parts) for name, parts in arrays.items()})
-    return True
 
 
 def read_pictures(files: list[Path]) -> tuple[Pictures, Pictures]:
@@ -216,11 +214,6 @@ class Training(TrainingRun[HiddenSideNetwork]):
         torch.manual_seed(args.seed)
         optimizer = torch.optim.AdamW, {"weight_decay": 1e-3}
         super().__init__(args, HiddenSideNetwork(), optimizer, identity)
-
-    @property
-    def turn(self) -> float:
-        """In this order of operations: a seed gives the same weights as ever."""
-        return math.pi * self.step / float(self.args.steps)
 
     def losses(self) -> dict[str, Tensor]:
         """On pictures that are turned by quarter turns and mirrored at random."""

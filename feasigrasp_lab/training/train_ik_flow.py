@@ -187,7 +187,7 @@ def held_out_metrics(network: IkFlowNetwork, q: Array, X_WF: Array) -> dict[str,
     flow = export(network)
     sample = flow.sample(X_WF)
     _, position, angle = refine(X_WF, sample, 0, DAMPING)
-    _, refined_position, refined_angle = refine(X_WF, sample, 3, DAMPING, limit_margin=0.0)
+    _, refined_position, refined_angle = refine(X_WF, sample, 3, DAMPING)
     reached = (refined_position < 1e-3) & (refined_angle < math.radians(1.0))
     return {
         "held_out_nll": float(density.sum()),
@@ -215,9 +215,7 @@ class Training(TrainingRun[IkFlowNetwork]):
         "refined {refined_percent:.1f} %"
     )
     criterion, less_is_better = "held_out_nll", True
-    warm_up, least, averaged_over = 200, 1e-3, 0
-    #: Of one joint's network.
-    largest_gradient = 5.0
+    warm_up, least, averaged_over, largest_gradient = 200, 1e-3, 1, 5.0
 
     def __init__(self, args: argparse.Namespace, shape: FlowShape) -> None:
         sizes = json.loads(json.dumps(asdict(shape)))  # lists, as earlier checkpoints have them
@@ -225,6 +223,7 @@ class Training(TrainingRun[IkFlowNetwork]):
         torch.manual_seed(args.seed)
         optimizer = torch.optim.Adam, {"lr": args.learning_rate}
         super().__init__(args, IkFlowNetwork(shape), optimizer, identity)
+        self.clipped = self.network.factors
         # Entry of the random seed that keeps the held-out poses apart from all batches.
         self.held_out = training_batch(np.random.default_rng([args.seed, 2**32 - 1]), args.held_out)
 
@@ -233,10 +232,6 @@ class Training(TrainingRun[IkFlowNetwork]):
         rng = np.random.default_rng([self.args.seed, self.step])
         q, X_WF = (_tensor(part, self.args.device) for part in training_batch(rng, self.args.batch))
         return {"nll": -self.network(q, X_WF)[1].mean(0).sum()}
-
-    def clipped(self) -> list[nn.Module]:
-        """The network of each joint."""
-        return list(self.network.factors)
 
     def measure(self) -> dict[str, float]:
         """See `held_out_metrics`."""

@@ -6,7 +6,6 @@ exported and shipped are the running means of the weights; start the same comman
 """
 
 import argparse
-import copy
 import math
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from feasigrasp.runs.results.arguments import positive
 from feasigrasp_lab.networks import Heads
 from feasigrasp_lab.paper.grasp_network import NETWORKS
 from feasigrasp_lab.results.arguments import add_run_arguments
-from feasigrasp_lab.training.data.household_shapes import HELD_OUT
 from feasigrasp_lab.training.grasp_batches import (
     FREE,
     Examples,
@@ -30,6 +28,7 @@ from feasigrasp_lab.training.grasp_batches import (
 )
 from feasigrasp_lab.training.loop import (
     TrainingRun,
+    add_data_argument,
     add_evaluation_arguments,
     add_loop_arguments,
     rows_of_step,
@@ -116,8 +115,8 @@ def average_precision(score: Array, positive: Array) -> float:
     return float(np.sum(np.diff(recall, prepend=0.0) * precision))
 
 
-#: What ``--quick`` trains on, and for how long [min]. Source: definition.
-QUICK_EXAMPLES, QUICK_MINUTES = 60, 1.0
+#: What ``--quick`` trains on. Source: definition.
+QUICK_EXAMPLES = 60
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -125,9 +124,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--preset", choices=list(NETWORKS), default="default", help="Network to train."
     )
-    parser.add_argument(
-        "--data", type=Path, default=Path("out/sampler_data"), help="Folder of the training data."
-    )
+    add_data_argument(parser)
     add_run_arguments(parser, out="", jobs=False)
     parser.set_defaults(out=None)  # out/train_sampler/PRESET
     add_loop_arguments(parser, batch=16, rate=3e-3, of="clouds")
@@ -189,8 +186,7 @@ class Training(TrainingRun[nn.Module]):
 
     def export(self) -> None:
         """Writes the running means."""
-        network = copy.deepcopy(self.averaged)
-        NETWORKS[self.preset].of(network).save(self.folder / self.weights)
+        NETWORKS[self.preset].of(self.averaged).save(self.folder / self.weights)
 
 
 @without_denormals()
@@ -201,7 +197,6 @@ def main(args: argparse.Namespace) -> int:
     most = None
     if args.quick:
         most, args.held_out = QUICK_EXAMPLES, min(args.held_out, QUICK_EXAMPLES // 2)
-        if args.steps is None and args.minutes is None:
-            args.minutes = QUICK_MINUTES
-    examples, held_out = load_examples(args.data, HELD_OUT, args.seed, args.held_out, most)
+        args.default_minutes = 1.0
+    examples, held_out = load_examples(args.data, args.seed, args.held_out, most)
     return Training(args, examples, held_out).run()

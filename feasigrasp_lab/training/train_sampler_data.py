@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--inputs", type=positive, default=2, help="Number of examples per object.")
 
 
-def _write_shard(filename: Path, number: int, *, inputs: int, seed: int) -> bool:
+def _write_shard(filename: Path, number: int, *, inputs: int, seed: int) -> None:
     """Makes one shard, whose number says what objects are in it."""
     examples = []
     for index in range(number * SHARD, (number + 1) * SHARD):
@@ -42,7 +42,6 @@ def _write_shard(filename: Path, number: int, *, inputs: int, seed: int) -> bool
         examples += object_examples(make_shape(family, number_of), family, number_of, inputs, rng)
     if examples:
         write_arrays(filename, stacked(examples))
-    return True
 
 
 def main(args: argparse.Namespace) -> int:
@@ -52,5 +51,5 @@ def main(args: argparse.Namespace) -> int:
     files = [args.out / f"shape_{n:05d}.npz" for n in range(-(-args.objects // SHARD))]
     make = partial(_write_shard, inputs=args.inputs, seed=args.seed)
     there = make_shards(files, make, jobs=args.jobs, desc="sampler data")
-    print(f"{there} of {len(files)} shards of {SHARD} objects are in {args.out}")
+    print(f"{len(there)} of {len(files)} shards of {SHARD} objects are in {args.out}")
     return 0

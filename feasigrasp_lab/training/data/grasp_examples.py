@@ -97,11 +97,7 @@ def true_input(truth: TrueGrasps, rng: np.random.Generator) -> GraspInput:
 
 
 def object_examples(
-    obj: RigidObject,
-    family: str,
-    seed: int,
-    inputs: int,
-    rng: np.random.Generator,
+    obj: RigidObject, family: str, seed: int, inputs: int, rng: np.random.Generator
 ) -> list[Example]:
     """Examples of one object.
 

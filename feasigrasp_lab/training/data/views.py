@@ -153,10 +153,7 @@ def look_at(p_OC: Array, roll: float = 0.0) -> Array:
 
 
 def turning_views(
-    rng: np.random.Generator,
-    center: Array,
-    count: int,
-    turn: tuple[float, float] = (60.0, 120.0),
+    rng: np.random.Generator, center: Array, count: int, turn: tuple[float, float] = (60.0, 120.0)
 ) -> list[Array]:
     """Camera poses X_OC for an object that turns in front of a camera.
 

@@ -6,6 +6,7 @@ import pytest
 from feasigrasp.errors import GraspError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.grasps.network.surface_input import grasp_input
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp_lab.baselines.diffusion_sampler import DiffusionSampler
 from feasigrasp_lab.baselines.grasp_diffusion import GraspDiffusion
@@ -45,8 +46,9 @@ def test_hands_that_hold_nothing_are_counted(ball, sampler):
 
 def test_samples_of_the_packaged_energy_hold_a_ball(ball, sampler):
     """Closing lines of hands that hold it pass within 20 degrees of both normals."""
-    X_OG, _, _ = sampler.candidates(ball)
-    assert len(X_OG) == 24
+    surface = grasp_input(ball, sampler.n_points)
+    X_OG = sampler.diffusion.at(surface).sample(24, np.random.default_rng(0))
+    assert X_OG.shape == (24, 4, 4)
     x, p = X_OG[:, :3, 0], X_OG[:, :3, 3]
     beside = np.linalg.norm(p - np.einsum("ni,ni->n", p, x)[:, None] * x, axis=1)
     assert (beside < RADIUS * np.sin(np.deg2rad(20.0))).mean() > 0.5

@@ -2,7 +2,6 @@
 
 import argparse
 import csv
-import math
 
 import numpy as np
 import pytest
@@ -37,7 +36,7 @@ class LinearRun(TrainingRun[torch.nn.Linear]):
 def begun(folder, seed=3, device="cpu"):
     args = argparse.Namespace(
         **{"out": folder, "device": device, "steps": 4, "every": 2, "patience": 2},
-        learning_rate=0.1,
+        **{"learning_rate": 0.1, "minutes": None},
     )
     sgd = torch.optim.SGD, {"lr": 0.1}
     return LinearRun(args, torch.nn.Linear(3, 2), sgd, {"seed": seed, "hidden": [16]})
@@ -50,13 +49,13 @@ def lines(folder):
 
 @pytest.mark.parametrize("least", [1e-2, 1e-3])
 def test_the_learning_rate_rises_and_falls(least):
-    def rate(step, turn):
-        return learning_rate(1.0, step, turn, warm_up=100, least=least)
+    def rate(step, done):
+        return learning_rate(1.0, step, done, 100, least)
 
     assert rate(0, 0.0) < 0.02
     assert rate(1000, 0.0) == pytest.approx(1.0)
-    assert rate(1000, 0.5 * math.pi) == pytest.approx(0.5, abs=least)
-    assert rate(1000, math.pi) == pytest.approx(least)
+    assert rate(1000, 0.5) == pytest.approx(0.5, abs=least)
+    assert rate(1000, 1.0) == pytest.approx(least)
 
 
 def test_every_epoch_passes_over_all_examples_in_another_order():
@@ -98,8 +97,10 @@ def test_the_layout_of_a_checkpoint_stays(tmp_path):
     state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
     assert set(state) == {"identity", "network", "optimizer", "averaged", "progress"}
     assert len(state["progress"]) == 4
+    del state["averaged"]
     torch.save({**state, "progress": [1, 2.0]}, tmp_path / "checkpoint.pt")
     run = begun(tmp_path)
+    assert torch.equal(run.averaged.weight, run.network.weight)
     assert (run.step, run.seconds, run.worse) == (1, 2.0, 0)
 
 

@@ -87,7 +87,7 @@ def made(data, out, *arguments):
     parser = train_sampler.argparse.ArgumentParser()
     train_sampler.add_arguments(parser)
     args = parser.parse_args([*options(data, out), *arguments])
-    return Training(args, *load_examples(data, HELD_OUT, args.seed, args.held_out))
+    return Training(args, *load_examples(data, args.seed, args.held_out))
 
 
 def curve(out):
@@ -160,7 +160,7 @@ def test_quick_takes_a_sample(data, tmp_path, monkeypatch):
 
 
 def test_held_out_families_are_never_trained_on(data):
-    examples, held_out = load_examples(data, HELD_OUT, 0, 3)
+    examples, held_out = load_examples(data, 0, 3)
     assert set(examples.family) == {"box", "bowl"}
     assert set(held_out.family) <= set(HELD_OUT)
     assert (len(examples), len(held_out)) == (12, 3)
@@ -171,10 +171,10 @@ def test_data_that_cannot_be_used_are_refused(tmp_path, capsys):
     assert "no shards in" in capsys.readouterr().err
     write_shard(tmp_path / "a.npz", ["box"])
     with pytest.raises(TrainingError, match="families box; .* held out are needed"):
-        load_examples(tmp_path, HELD_OUT, 0, 3)
+        load_examples(tmp_path, 0, 3)
     np.savez(tmp_path / "b.npz", points=np.zeros((1, 4, 3)))
     with pytest.raises(InputError, match="b.npz is no shard"):
-        load_examples(tmp_path, HELD_OUT, 0, 3)
+        load_examples(tmp_path, 0, 3)
 
 
 def perfect(n=4):
