@@ -1,5 +1,6 @@
 """Console output of a run: a progress line, and a table of the outcome."""
 
+import math
 import shutil
 import sys
 import threading
@@ -11,8 +12,6 @@ from feasigrasp.models.control.status import Status
 from feasigrasp.runs.metrics.cause import Cause
 from feasigrasp.runs.metrics.table import METRICS, UNITLESS, Subject
 
-#: Least wall time between two changes of the line [s]. Source: guessed.
-_PERIOD = 0.1
 #: Timings of a record, with their units; they stand before the computing times.
 TIMINGS = {"simulated_s": "s", "build_s": "s", "wall_s": "s", "real_time_factor": "1"}
 #: Details of a cause.
@@ -33,17 +32,17 @@ class StatusLine:
         """A line of a stream, the standard output if None."""
         self._stream = sys.stdout if stream is None else stream
         self._visible = self._stream.isatty()
-        self._text, self._since, self._shown_at = "", 0.0, -_PERIOD
+        self._text, self._since, self._shown_at = "", 0.0, -math.inf
         self._lock, self._over = threading.Lock(), threading.Event()
         self._counting: threading.Thread | None = None
 
     def show(self, text: str, *, patient: bool = False) -> None:
         """Shows a text, as much of it as there is room for.
 
-        A ``patient`` one may be dropped because the line has just changed.
+        A ``patient`` one is dropped if the line has changed in the last tenth of a second.
         """
         now = time.monotonic()
-        if not self._visible or (patient and now < self._shown_at + _PERIOD):
+        if not self._visible or (patient and now < self._shown_at + 0.1):
             return
         with self._lock:
             self._text, self._since, self._shown_at = text, now, now

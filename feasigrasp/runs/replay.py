@@ -118,15 +118,13 @@ def take_picture(replay: Path) -> bool:
     Returns:
         Whether there is a picture that is not older than the replay.
     """
-    # Size of the pictures [pixels].
-    width, height = 960, 600
     picture = replay.with_suffix(".png")
     if not replay.exists():
         return False
     if picture.exists() and picture.stat().st_mtime >= replay.stat().st_mtime:
         return True
     try:
-        screenshot(replay, picture, (width, height))
+        screenshot(replay, picture, (960, 600))
     except BrowserError:
         return False
     return True

@@ -21,7 +21,7 @@ from feasigrasp.models.robot.gripper_file import GRIPPERS
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
-from feasigrasp.scenario.keys import check_keys, find, move_keys, replace_former_keys
+from feasigrasp.scenario.keys import check_keys, find, replace_former_keys
 from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.schema import Scenario
 
@@ -71,14 +71,8 @@ def _from(folder: Path, name: str, ours: Collection[str]) -> str:
 PACKAGED = "dynamic.scenarios.yaml"
 #: What Drake's reader raises; it takes much for granted.
 _YAML_ERRORS = (
-    RuntimeError,
-    ValueError,
-    TypeError,
-    LookupError,
-    AttributeError,
-    AssertionError,
-    ArithmeticError,
-    yaml.YAMLError,
+    *(RuntimeError, ValueError, TypeError, LookupError),
+    *(AttributeError, AssertionError, ArithmeticError, yaml.YAMLError),
 )
 
 
@@ -287,8 +281,7 @@ def _defaults(nodes: Iterable[yaml.Node], base: Scenario) -> Scenario:
 
 def _load(node: yaml.Node, defaults: Scenario) -> Scenario:
     """Reads the tree of a scenario, or of changes of ``defaults``."""
-    replace_former_keys(node)
-    move_keys(node, defaults)
+    replace_former_keys(node, defaults)
     motion = find(node, "motion")  # without a tag it changes that of the defaults
     if motion is not None and motion.tag == "tag:yaml.org,2002:map":
         motion.tag = f"!{type(defaults.motion).__name__}"
@@ -314,6 +307,6 @@ def _empty(value: Any, given: Any) -> None:
         _empty(part, each)
 
 
-def _shortened(text: str, length: int = 60) -> str:
+def _shortened(text: str) -> str:
     line = " ".join(text.split())
-    return line if len(line) <= length else f"{line[:length]}..."
+    return line if len(line) <= 60 else f"{line[:60]}..."
