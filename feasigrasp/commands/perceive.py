@@ -23,7 +23,6 @@ from feasigrasp.errors import FeasigraspError, PointCloudError
 from feasigrasp.models.clouds.files import prepare_cloud, read_cloud, viewpoint_of
 from feasigrasp.models.grasps.grasp_set import Rejection
 from feasigrasp.models.grasps.perceive import Perception, perceive
-from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.models.segmentation.tabletop import tabletop
 from feasigrasp.one_thread import one_thread
@@ -31,7 +30,7 @@ from feasigrasp.outputs import check_outputs
 from feasigrasp.recordings.images import captured_points, holds_depth
 from feasigrasp.resources import model_path
 from feasigrasp.runs.pictures.perception import draw_perception, write_perception_html
-from feasigrasp.runs.results.arguments import add_box, factor, output, positive
+from feasigrasp.runs.results.arguments import add_box, add_sampler, factor, output, positive
 from feasigrasp.runs.results.grasps_file import write_grasps
 
 #: What the reasons of `GraspSet.rejected` mean, for somebody who wants a grasp.
@@ -114,12 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     view.add_argument(
         "--merged", action="store_true", help="The cloud is merged from several views."
     )
-    parser.add_argument(
-        "--sampler",
-        choices=sampler_names(),
-        default=SamplerName.NETWORK,
-        help="Sampler of the grasps.",
-    )
+    add_sampler(parser)
     parser.add_argument(
         "--mass",
         type=factor,

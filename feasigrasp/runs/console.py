@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any, TextIO
 
 from feasigrasp.models.control.status import Status
@@ -84,11 +85,9 @@ def verdict(record: Mapping[str, Any]) -> str:
     if record.get("on_hardware"):
         last = "".join(_status(code, detail) for _, code, detail in record["status"][-1:])
         return f"broke off ({record['error']})" if record["error"] else f"ended: {last}"
-    metrics = record["metrics"]
-    held = metrics["grasp_held"]
+    held, tracked = record["metrics"]["grasp_held"], record["metrics"]["tracked_percent"]
     if held:
         return "held"
-    tracked = metrics["tracked_percent"]
     if held is None and record["error"]:
         return f"broke off ({record['error']})"
     if held is None:
@@ -102,22 +101,15 @@ def cause_in_words(record: Mapping[str, Any]) -> str | None:
     if record["metrics"]["cause"] is None:
         return None
     cause = Cause(record["metrics"]["cause"])
-    return _words(cause) + _because(cause, record)
-
-
-def _because(cause: Cause, record: Mapping[str, Any]) -> str:
-    """Details of a cause, in brackets; empty without any."""
-    metrics = record["metrics"]
+    why = [f"last: {_status(code, detail)}" for _, code, detail in record["status"][-1:]]
     if record["error"]:
-        return f" ({record['error']})"
-    if cause in _DETAILS:
-        known = {name: value for name, value in metrics.items() if value is not None}
-        try:
-            return f" ({_DETAILS[cause].format(**known)})"
-        except KeyError:
-            return ""
-    last = record["status"][-1:]  # what was waited for
-    return "".join(f" (last: {_status(code, detail)})" for _, code, detail in last)
+        why = [record["error"]]
+    elif cause in _DETAILS:
+        known = {name: value for name, value in record["metrics"].items() if value is not None}
+        why = []
+        with suppress(KeyError):  # a figure that is not known
+            why = [_DETAILS[cause].format(**known)]
+    return _words(cause) + "".join(f" ({each})" for each in why)
 
 
 def summary(record: Mapping[str, Any]) -> Iterator[str]:

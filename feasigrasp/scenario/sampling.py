@@ -97,12 +97,9 @@ def make_static_obstacles(scenario: Scenario) -> list[StaticObstacle]:
         R = Rotation.from_euler("xyz", body.rpy_deg, degrees=True).as_matrix()
         return se3.make_pose(R, np.array(body.position, dtype=float))
 
-    boxes = [StaticObstacle.box(name, box.size, pose(box)) for name, box in cell.boxes.items()]
-    meshes = [
-        StaticObstacle.of_file(name, mesh.file, mesh.scale, pose(mesh))
-        for name, mesh in cell.meshes.items()
-    ]
-    return boxes + meshes
+    boxes = [StaticObstacle.box(n, box.size, pose(box)) for n, box in cell.boxes.items()]
+    of_file = StaticObstacle.of_file
+    return boxes + [of_file(n, m.file, m.scale, pose(m)) for n, m in cell.meshes.items()]
 
 
 def make_hand_error(scenario: Scenario) -> Array:
@@ -176,22 +173,21 @@ def make_distractor_bodies(
     Raises:
         MeshError: There is no such other object.
     """
-    distractor_bodies: list[DistractorBody] = []
+    bodies: list[DistractorBody] = []
     kind, distractor = CarrierKind(scenario.carrier.kind), scenario.distractor
     if kind is not CarrierKind.NONE:
-        distractor_bodies.append(Carrier.of(kind, obj, motion, scenario.carrier.hue))
+        bodies.append(Carrier.of(kind, obj, motion, scenario.carrier.hue))
     if distractor.model:
         other = load_object(distractor.model)
         middle = np.zeros(3) if distractor.moving else _center(scenario)
         about = (motion, middle + distractor.offset, distractor.moving)
-        distractor_bodies.append(Distractor("distractor", other.mesh, other.color, *about))
-    return distractor_bodies
+        bodies.append(Distractor("distractor", other.mesh, other.color, *about))
+    return bodies
 
 
 def largest_speed(scenario: Scenario) -> float:
     """The object's largest speed along its path, over a lap or over the run if there is none."""
     motion, end = make_motion(scenario), lap(scenario)
-    # Moments at which the speed is looked at.
     times = np.linspace(0.0, end if math.isfinite(end) else scenario.simulation_duration, 2000)
     return max(float(np.linalg.norm(motion.velocity(t)[3:])) for t in times)
 
