@@ -159,17 +159,11 @@ def print_table(name: str, perception: Perception) -> None:
 
 def _check_options(args: argparse.Namespace) -> None:
     """Refuses options that say nothing of what is given."""
-    of_cloud = {"--scale": args.scale, "--viewpoint": args.viewpoint, "--merged": args.merged}
-    of_depth = {
-        "--intrinsics": args.intrinsics,
-        "--mask": args.mask,
-        "--box": args.box,
-        "--label": args.label,
-    }
+    of_cloud, of_depth = ("scale", "viewpoint", "merged"), ("intrinsics", "mask", "box", "label")
     others, what = (of_cloud, "--cloud") if args.cloud is None else (of_depth, "--depth")
-    for option, value in others.items():
-        if value not in (None, False):
-            raise FeasigraspError(f"{option} goes with {what} only; leave it out")
+    for option in others:
+        if getattr(args, option) not in (None, False):
+            raise FeasigraspError(f"--{option} goes with {what} only; leave it out")
     if args.on_table and (args.mask or args.sample):
         raise FeasigraspError("--on-table needs to see the table, which a mask leaves out")
     if args.seed < 0:
@@ -221,8 +215,7 @@ def main(args: argparse.Namespace) -> int:
         table=table,
     )
     print_table(source.name, perception)
-    # A share of outliers that one object hardly has.
-    if perception.outliers > 0.2 * len(points):
+    if perception.outliers > 0.2 * len(points):  # more than one object hardly has
         print(
             "  a large part was dropped: there may be another object beside this one; keep one "
             "with --crop or --on-table"

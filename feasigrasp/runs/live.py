@@ -88,12 +88,8 @@ class LiveView:
 
     def show(self, time: float, status: Status | None, picture: Picture | None) -> None:
         """Sets what the page shows beside the cell: simulated time [s], status, camera picture."""
-        state = {
-            "time": time,
-            "status": status and status_words(status),
-            "picture": picture and picture_text(picture),
-        }
-        self._state = json.dumps(state).encode()
+        words, shown = status and status_words(status), picture and picture_text(picture)
+        self._state = json.dumps({"time": time, "status": words, "picture": shown}).encode()
 
     @property
     def paused(self) -> bool:

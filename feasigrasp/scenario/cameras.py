@@ -23,11 +23,7 @@ _WITHOUT_EFFECT = {
 
 
 def check_cameras(scenario: Scenario) -> None:
-    """Checks the cameras beyond the ranges of their numbers.
-
-    Raises:
-        ScenarioError: A value that nothing can run with, or a key that would do nothing.
-    """
+    """Checks the cameras beyond the ranges of their numbers; as `check_scenario`."""
     looking = scenario.perception.camera
     if looking not in scenario.cameras:
         raise ScenarioError(

@@ -62,11 +62,7 @@ def check_scenario(scenario: Scenario) -> None:
 
 
 def check_types_too(scenario: Scenario) -> None:
-    """Checks a scenario of which values may have been set since it was read.
-
-    Raises:
-        ScenarioError: A value of another type, or see `check_scenario`.
-    """
+    """Checks a scenario of which values may have been set since it was read, types as well."""
     for section in (scenario, *vars(scenario).values()):
         if dc.is_dataclass(section):
             check_fields(section, ScenarioError)
@@ -181,11 +177,7 @@ def _check_choices(scenario: Scenario) -> None:
 
 
 def check_segmentation(scenario: Scenario, *, own: bool) -> None:
-    """Checks that a custom segmentation has a place in the diagram, if there is one.
-
-    Raises:
-        ScenarioError: The label image of the simulation says which pixels show the object.
-    """
+    """Raises a ScenarioError if a custom segmentation has no place in the diagram."""
     if own and scenario.perception.segmentation != Segmentation.DEPTH:
         raise ScenarioError(
             "parts.segmentation is not used while perception.segmentation is labels; give "

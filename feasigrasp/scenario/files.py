@@ -77,20 +77,12 @@ _YAML_ERRORS = (
 
 
 def scenario_names(filename: str | Path) -> list[str]:
-    """The names of the scenarios in a file; those that start with ``_`` are shared anchors.
-
-    Raises:
-        ScenarioError: There is no such file, or it is not YAML.
-    """
+    """The names of the scenarios in a file; those that start with ``_`` are shared anchors."""
     return _names(_nodes(filename))
 
 
 def only_scenario(filename: str | Path) -> str:
-    """The name of the scenario of a file that has one.
-
-    Raises:
-        ScenarioError: It has more than one, or none, or cannot be read.
-    """
+    """The name of the scenario of a file; a ScenarioError if it has more than one, or none."""
     names = scenario_names(filename)
     if len(names) != 1:
         has = f"{len(names)} scenarios: {', '.join(names)}; name one" if names else "no scenario"
@@ -204,11 +196,7 @@ def dump_scenario(scenario: Scenario) -> str:
 
 
 def parse_scenario(text: str) -> Scenario:
-    """Reads what `dump_scenario` wrote, e.g. the ``scenario_yaml`` of a result file.
-
-    Raises:
-        ScenarioError: Unknown key or value.
-    """
+    """Reads what `dump_scenario` wrote, e.g. the ``scenario_yaml`` of a result file."""
     with _named("not a scenario"):
         root = compose_yaml(text, ScenarioError)
         scenario = _load(root, _defaults([root], Scenario()))

@@ -93,11 +93,7 @@ def _split(where: str, given: str) -> tuple[str, str]:
 
 
 def make_named(key: str, part: PartConfig, given: Any) -> Any:
-    """Result of a part's class or function for ``given`` and its options.
-
-    Raises:
-        ScenarioError: It cannot be loaded or made.
-    """
+    """Result of a part's class or function for ``given`` and its options, or a ScenarioError."""
     try:
         return load_part(key, part)(given, **part.options)
     except (TypeError, ValueError) as error:

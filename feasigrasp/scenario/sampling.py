@@ -55,11 +55,7 @@ def make_hand_eye(scenario: Scenario) -> dict[str, HandEyeError]:
 
 
 def camera_errors(entry: dict[str, float]) -> tuple[DepthNoise, HandEyeError]:
-    """An entry of ``camera_noise``, each key for what it is an error of.
-
-    Raises:
-        CameraError: A value out of range.
-    """
+    """An entry of ``camera_noise``, each key for what it is an error of; values are checked."""
     of_pose = {field.name for field in dataclasses.fields(HandEyeError)}
     depth = {key: value for key, value in entry.items() if key not in of_pose}
     pose = {key: value for key, value in entry.items() if key in of_pose}
@@ -86,11 +82,7 @@ def make_friction(scenario: Scenario) -> float:
 
 
 def make_static_obstacles(scenario: Scenario) -> list[StaticObstacle]:
-    """The boxes and meshes of the scenario's cell.
-
-    Raises:
-        MeshError: A mesh cannot be read, or is flat.
-    """
+    """The boxes and meshes of the scenario's cell; a MeshError for what is no body."""
     cell = scenario.cell
 
     def pose(body: BoxConfig | MeshConfig) -> Array:
@@ -168,11 +160,7 @@ def _checked(motion: Any, name: str) -> ObjectMotion:
 def make_distractor_bodies(
     scenario: Scenario, obj: RigidObject, motion: ObjectMotion
 ) -> list[DistractorBody]:
-    """Carrier and distractor of a scenario.
-
-    Raises:
-        MeshError: There is no such other object.
-    """
+    """Carrier and distractor of a scenario."""
     bodies: list[DistractorBody] = []
     kind, distractor = CarrierKind(scenario.carrier.kind), scenario.distractor
     if kind is not CarrierKind.NONE:

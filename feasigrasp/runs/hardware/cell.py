@@ -96,16 +96,9 @@ def simulate_cell(
 ) -> dict[str, Any]:
     """Simulates a cell until the grasp is over, or the controller gone, and judges it.
 
-    The scenario's duration counts from the controller's first request.
-
-    Args:
-        scenario: The cell, its object and motion.
-        name: The scenario's name, for the record.
-        lcm_url: Where the messages go.
-        rate: How fast simulated time goes at most, against the clock on the wall; no period of
-            the driver is shorter than that.
-        keep: Gets the record.
-        line: Where to say how far the run is.
+    The scenario's duration counts from the controller's first request. Messages go to ``lcm_url``.
+    Simulated time is at most ``rate`` times as fast as the clock on the wall, and no period of the
+    driver is shorter than that. Other arguments are those of `run`.
 
     Returns:
         The record of a run; the controller's internal state (grasps, status) is not in it, and what

@@ -56,16 +56,9 @@ def run_hardware(
     """Grasps on the drivers' messages until the grasp is over or the scenario's time has passed.
 
     A guard, in a process of its own, commands the arm; when this one asks for nothing any more,
-    for whatever reason, the guard brakes and the arm stays.
-
-    Args:
-        scenario: What to run; object and motion are not looked at.
-        name: Its name, for the record.
-        lcm_url: Where the drivers are.
-        own_guard: Whether to start the guard; else one serves already, see `guard`.
-        log: Whether the result has a log.
-        keep: Gets the record.
-        line: Where to say how far the run is.
+    for whatever reason, the guard brakes and the arm stays. Without ``own_guard`` one serves
+    already, see `guard`. The drivers are at ``lcm_url``; other arguments are those of `run`. Object
+    and motion of the scenario are not looked at.
 
     Returns:
         A result without samples, with a record whose metrics are None: what happened, only who sees
