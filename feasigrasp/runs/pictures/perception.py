@@ -2,6 +2,7 @@
 
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -203,7 +204,7 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
     draw_axes(axes[0], front, X, size)
     whose = "camera" if in_camera(perception) else "cloud"
     axes[0].set_title(f"measured: {count} points; axes of the {whose}", fontsize=10)
-    given = {"size": dot, "normals": surface.normals}
+    given: dict[str, Any] = {"size": dot, "normals": surface.normals}
     for ax, viewer, side in ((axes[1], front, "camera's side"), (axes[2], behind, "from behind")):
         draw_points(ax, viewer, surface.points, colors, **given)
         ax.set_title(f"completed, {side}")
