@@ -82,7 +82,7 @@ def make_friction(scenario: Scenario) -> float:
 
 
 def make_static_obstacles(scenario: Scenario) -> list[StaticObstacle]:
-    """The boxes and meshes of the scenario's cell; a MeshError for one that is flat, or not there."""
+    """The boxes and meshes of the cell; a MeshError for a mesh that is flat, or not there."""
     cell = scenario.cell
 
     def pose(body: BoxConfig | MeshConfig) -> Array:
