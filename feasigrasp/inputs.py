@@ -30,11 +30,7 @@ def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
 
 
 def read_json(path: str | Path) -> Any:
-    """The content of a JSON file.
-
-    Raises:
-        InputError: There is no such file, or it is none.
-    """
+    """The content of a JSON file; an InputError if there is no such file, or it is none."""
     try:
         return json.loads(Path(path).read_text("utf-8-sig"))  # with a byte order mark, too
     except FileNotFoundError:

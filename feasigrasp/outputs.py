@@ -43,11 +43,7 @@ def check_outputs(
 
 
 def check_folder(option: str, folder: Path) -> None:
-    """Checks that a folder can be written to, or made; it is not made yet.
-
-    Raises:
-        OutputError: It cannot be made, or not be written to.
-    """
+    """Raises an OutputError if a folder can neither be written to nor made; it is not made yet."""
     there = folder.absolute()
     while not there.exists():
         there = there.parent
@@ -98,24 +94,15 @@ def _is_special(filename: Path) -> bool:
 
 
 def write_text(filename: str | Path, text: str) -> None:
-    """Writes a text, whole or not at all.
-
-    Raises:
-        OutputError: It cannot be written.
-    """
+    """Writes a text, whole or not at all; see `replacing`."""
     with replacing(filename) as file:
         file.write(text.encode())
 
 
 def save_figure(figure: Any, filename: str | Path, **options: Any) -> None:
-    """Writes a figure of Matplotlib, whole or not at all, in the format that the suffix names.
-
-    Raises:
-        OutputError: It cannot be written, or Matplotlib has no such format.
-    """
-    filename = Path(filename)
+    """Writes a figure of Matplotlib in the format that the suffix names; see `replacing`."""
     known = figure.canvas.get_supported_filetypes()
-    picture = filename.suffix.removeprefix(".").lower()
+    picture = Path(filename).suffix.removeprefix(".").lower()
     if picture not in known:
         raise OutputError(f"{filename}: end it in .png, or in one of {', '.join(known)}")
     with replacing(filename) as file:
@@ -123,10 +110,5 @@ def save_figure(figure: Any, filename: str | Path, **options: Any) -> None:
 
 
 def write_json(content: dict[str, Any], filename: Path) -> None:
-    """Writes JSON, whole or not at all: a killed process leaves no half a file.
-
-    Raises:
-        ValueError: There is a NaN or an infinity in it, which JSON does not have.
-        OutputError: The file cannot be written.
-    """
+    """Writes JSON, see `replacing`; a ValueError for NaN and infinity, which JSON does not have."""
     write_text(filename, json.dumps(content, indent=2, allow_nan=False) + "\n")

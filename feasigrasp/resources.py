@@ -24,11 +24,7 @@ def model_path(*parts: str) -> Path:
 
 
 def diagram_path(*parts: str) -> Path:
-    """The same of ``diagrams/``, which is ``feasigrasp/_diagrams`` in a wheel.
-
-    Raises:
-        ResourceError: If there is no ``diagrams/`` folder, or nothing of that name in it.
-    """
+    """The same of ``diagrams/``, which is ``feasigrasp/_diagrams`` in a wheel."""
     return _find("diagrams", parts)
 
 

@@ -21,12 +21,6 @@ from feasigrasp.outputs import write_text
 from feasigrasp.resources import model_path
 from feasigrasp.systems.station.directives import loading, packaged_cell
 
-#: Rotor inertia of a joint as it feels it [kg m^2]. Source: guessed.
-_ROTOR_INERTIA = 0.1
-#: Pole of the joints' velocity control [1/s], that of the last three, and that of their position
-#: control, all of the iiwa. Source: guessed.
-_VELOCITY_POLE, _WRIST_POLE, _POSITION_POLE = 1500.0, 600.0, 0.6
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
@@ -47,7 +41,8 @@ def main(args: argparse.Namespace) -> int:
         raise ArgumentError(f"--out {args.file} is the URDF itself; name another file")
     name = args.name or args.file.stem
     given = {"name": name, **describe_urdf(args.urdf, args.flange)}
-    warnings = [f"rotor inertias are guessed: {_ROTOR_INERTIA} kg m^2"]
+    rotor_inertia = 0.1  # of a joint as it feels it [kg m^2]; guessed
+    warnings = [f"rotor inertias are guessed: {rotor_inertia} kg m^2"]
     joints = given["joints"]
     if args.acceleration:
         if (n := len(args.acceleration)) != len(joints):
@@ -58,7 +53,7 @@ def main(args: argparse.Namespace) -> int:
         warnings.append("accelerations are guessed; give --acceleration")
     for joint in joints:
         middle = float(np.clip(0.0, joint["lower"] + 0.1, joint["upper"] - 0.1))
-        joint |= {"rotor_inertia": _ROTOR_INERTIA, "kp": 1.0, "kd": 1.0, "home": middle}
+        joint |= {"rotor_inertia": rotor_inertia, "kp": 1.0, "kd": 1.0, "home": middle}
     given["flange"] = _flange(given.pop("X_WF"))
     given["pairs"] = []
     for joint, q in zip(joints, chosen_home(arm_from(given)), strict=True):
@@ -67,9 +62,13 @@ def main(args: argparse.Namespace) -> int:
     given["pairs"] = [[*pair] for pair in close_pairs(arm_from(given))]
     arm = arm_from(given)
     for j, (joint, inertia) in enumerate(zip(joints, _largest_inertias(arm), strict=True)):
-        kd = (_WRIST_POLE if j >= arm.joints - 3 else _VELOCITY_POLE) * inertia
-        joint["kd"], joint["kp"] = float(f"{kd:.2g}"), float(f"{_POSITION_POLE * kd:.2g}")
-    _check(arm, warnings)
+        # Poles of velocity and of position control [1/s] as the iiwa is given them; guessed.
+        kd = (600.0 if j >= arm.joints - 3 else 1500.0) * inertia
+        joint["kd"], joint["kp"] = float(f"{kd:.2g}"), float(f"{0.6 * kd:.2g}")
+    try:
+        SafetyOptions(arm=arm, acceleration_scale=arm.acceleration_share)
+    except ControlError as error:  # a run with the default options would not accept the arm
+        warnings.append(str(error))
     if not Reachability(arm=arm, limit_margin=0.0).admissible(arm.home[None]).all():
         warnings.append("no home with the hand in front of the arm was found; give home")
     head = f"# Written by feasigrasp arm {args.urdf.name} --flange {args.flange}.\n"
@@ -106,11 +105,3 @@ def _largest_inertias(arm: Arm) -> Array:
         M = np.diag(plant.CalcMassMatrix(context))
         largest = np.maximum(largest, M[first : first + arm.joints])
     return largest
-
-
-def _check(arm: Arm, warnings: list[str]) -> None:
-    """Adds what a run with the default options would not accept."""
-    try:
-        SafetyOptions(arm=arm, acceleration_scale=arm.acceleration_share)
-    except ControlError as error:
-        warnings.append(str(error))

@@ -32,7 +32,6 @@ _PARTS = {
     "torch": "training, the samplers paper and diffusion, and the controller diffusion",
     "open3d": "meshes of more than 4000 faces, training data and the evaluation of tracking",
 }
-_REINSTALL = "pip install --force-reinstall --no-deps"
 #: Files that come with the package: of each network, and of the reachable space.
 _WEIGHTS = ("grasp_network", "hidden_side")
 #: Prints the depth that a camera sees in the middle of a wall that is 0.9 m away.
@@ -124,8 +123,8 @@ def libraries() -> Iterator[Finding]:
             part = _PARTS.get(name)
             yield _problem(text) if part is None else _without(f"{text}, for {part}")
         except Exception as error:  # whatever a library stumbles over when it is loaded
-            text = f"{name} does not load ({error}): {_REINSTALL} '{entry}', or make setup"
-            yield _problem(text)
+            mend = f"pip install --force-reinstall --no-deps '{entry}', or make setup"
+            yield _problem(f"{name} does not load ({error}): {mend}")
 
 
 def rendering() -> Iterator[Finding]:
@@ -266,22 +265,11 @@ def messages() -> Iterator[Finding]:
         receiver.HandleSubscriptions(100)
     if came == [size] * 10:
         yield _ok(f"messages: multicast on the loopback works ({LCM_URL})")
-    elif came:
-        text = f"messages: {len(came)} of 10 images come over the loopback: raise net.core.rmem_max"
-        yield _without(text)
     else:
-        yield _without(f"messages: none comes back over the loopback: {mend}")
+        some = f"{len(came)} of 10 images come over the loopback: raise net.core.rmem_max"
+        none = f"none comes back over the loopback: {mend}"
+        yield _without(f"messages: {some if came else none}")
 
 
 #: What is looked at, in this order.
-LOOKS: tuple[Callable[[], Iterator[Finding]], ...] = (
-    libraries,
-    rendering,
-    threads,
-    solids,
-    compiled_code,
-    files,
-    scenario,
-    browser,
-    messages,
-)
+LOOKS = (libraries, rendering, threads, solids, compiled_code, files, scenario, browser, messages)

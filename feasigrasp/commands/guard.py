@@ -7,12 +7,7 @@ as the arm rests. See ``docs/hardware.md``.
 
 import argparse
 
-from feasigrasp.commands.run import (
-    add_lcm_option,
-    add_scenario_name,
-    add_scenario_options,
-    load,
-)
+from feasigrasp.commands.run import add_scenario_name, add_scenario_options, load
 from feasigrasp.systems.hardware import guard
 from feasigrasp.systems.hardware.guarded_cell import make_guarded_cell
 
@@ -21,7 +16,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_scenario_name(parser)
     add_scenario_options(parser)
-    add_lcm_option(parser)
 
 
 def main(args: argparse.Namespace) -> int:

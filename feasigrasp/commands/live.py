@@ -21,7 +21,7 @@ from feasigrasp.commands.track import step
 from feasigrasp.errors import HardwareError, PointCloudError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.camera import Camera
-from feasigrasp.models.grasps.samplers import SamplerName, make_sampler, sampler_names
+from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.one_thread import one_thread
 from feasigrasp.outputs import check_folder
@@ -32,7 +32,7 @@ from feasigrasp.recordings.recorder import DepthFrame, check_new_recording, reco
 from feasigrasp.recordings.unaided import TrackerImage, UnaidedTracker
 from feasigrasp.runs.live import CameraView
 from feasigrasp.runs.replay import quiet_meshcat
-from feasigrasp.runs.results.arguments import add_box
+from feasigrasp.runs.results.arguments import add_box, add_sampler
 from feasigrasp.runs.results.interrupts import STATUS, postponed_interrupt
 
 _CHOOSE = "click the object, or draw a box about it"
@@ -45,12 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     use = "Box about the object in the first image, in pixels. Default: chosen on the page."
     add_box(parser, use)
     parser.add_argument("--on-table", action="store_true", help="The object stands on a table.")
-    parser.add_argument(
-        "--sampler",
-        choices=sampler_names(),
-        default=SamplerName.NETWORK,
-        help="Sampler of the grasps.",
-    )
+    add_sampler(parser)
 
 
 class _Session:

@@ -23,7 +23,6 @@ from feasigrasp.errors import FeasigraspError, PointCloudError
 from feasigrasp.models.clouds.files import prepare_cloud, read_cloud, viewpoint_of
 from feasigrasp.models.grasps.grasp_set import Rejection
 from feasigrasp.models.grasps.perceive import Perception, perceive
-from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.models.segmentation.tabletop import tabletop
 from feasigrasp.one_thread import one_thread
@@ -31,7 +30,7 @@ from feasigrasp.outputs import check_outputs
 from feasigrasp.recordings.images import captured_points, holds_depth
 from feasigrasp.resources import model_path
 from feasigrasp.runs.pictures.perception import draw_perception, write_perception_html
-from feasigrasp.runs.results.arguments import add_box, factor, output, positive
+from feasigrasp.runs.results.arguments import add_box, add_sampler, factor, output, positive
 from feasigrasp.runs.results.grasps_file import write_grasps
 
 #: What the reasons of `GraspSet.rejected` mean, for somebody who wants a grasp.
@@ -114,12 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     view.add_argument(
         "--merged", action="store_true", help="The cloud is merged from several views."
     )
-    parser.add_argument(
-        "--sampler",
-        choices=sampler_names(),
-        default=SamplerName.NETWORK,
-        help="Sampler of the grasps.",
-    )
+    add_sampler(parser)
     parser.add_argument(
         "--mass",
         type=factor,
@@ -165,17 +159,11 @@ def print_table(name: str, perception: Perception) -> None:
 
 def _check_options(args: argparse.Namespace) -> None:
     """Refuses options that say nothing of what is given."""
-    of_cloud = {"--scale": args.scale, "--viewpoint": args.viewpoint, "--merged": args.merged}
-    of_depth = {
-        "--intrinsics": args.intrinsics,
-        "--mask": args.mask,
-        "--box": args.box,
-        "--label": args.label,
-    }
+    of_cloud, of_depth = ("scale", "viewpoint", "merged"), ("intrinsics", "mask", "box", "label")
     others, what = (of_cloud, "--cloud") if args.cloud is None else (of_depth, "--depth")
-    for option, value in others.items():
-        if value not in (None, False):
-            raise FeasigraspError(f"{option} goes with {what} only; leave it out")
+    for option in others:
+        if getattr(args, option) not in (None, False):
+            raise FeasigraspError(f"--{option} goes with {what} only; leave it out")
     if args.on_table and (args.mask or args.sample):
         raise FeasigraspError("--on-table needs to see the table, which a mask leaves out")
     if args.seed < 0:
@@ -227,8 +215,7 @@ def main(args: argparse.Namespace) -> int:
         table=table,
     )
     print_table(source.name, perception)
-    # A share of outliers that one object hardly has.
-    if perception.outliers > 0.2 * len(points):
+    if perception.outliers > 0.2 * len(points):  # more than one object hardly has
         print(
             "  a large part was dropped: there may be another object beside this one; keep one "
             "with --crop or --on-table"

@@ -27,7 +27,7 @@ from feasigrasp.runs.replay import quiet_meshcat
 from feasigrasp.runs.results.arguments import output, print_notes, share
 from feasigrasp.runs.results.interrupts import STATUS
 from feasigrasp.runs.run import INTERRUPTED, run
-from feasigrasp.scenario.files import load_scenario, only_scenario
+from feasigrasp.scenario.files import PACKAGED, load_scenario, only_scenario
 from feasigrasp.scenario.parts import load_part
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import ControlConfig, Scenario
@@ -101,7 +101,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="With --hardware: start no guard, since 'feasigrasp guard' runs beside the driver.",
     )
-    add_lcm_option(parser)
 
 
 def add_lcm_option(parser: argparse.ArgumentParser) -> None:
@@ -112,7 +111,8 @@ def add_lcm_option(parser: argparse.ArgumentParser) -> None:
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
-    """Adds those that choose a scenario, and change it."""
+    """Adds those that choose a scenario, and change it, and where its drivers are."""
+    add_lcm_option(parser)
     parser.add_argument(
         "--scenario-file", type=Path, help="File of scenarios. Default: the packaged ones."
     )
@@ -174,28 +174,12 @@ def main(args: argparse.Namespace) -> int:
         print(f"open {live.url} in a browser; the run starts there, or with Enter", flush=True)
     line = StatusLine()
     kept = partial(keep, results=args.results, line=line)
+    given: dict[str, Any] = {"log": args.log is not None, "keep": kept, "line": line}
     try:
         if args.hardware:
-            result = run_hardware(
-                scenario,
-                name,
-                lcm_url=args.lcm_url,
-                own_guard=not args.no_guard,
-                log=args.log is not None,
-                keep=kept,
-                line=line,
-            )
+            result = run_hardware(scenario, name, args.lcm_url, not args.no_guard, **given)
         else:
-            result = run(
-                scenario,
-                name,
-                log=args.log is not None,
-                replay=args.replay,
-                keep=kept,
-                line=line,
-                live=live,
-                ghost=ghost,
-            )
+            result = run(scenario, name, replay=args.replay, live=live, ghost=ghost, **given)
     finally:
         line.clear()
     if args.log is not None:
@@ -219,7 +203,7 @@ def load(args: argparse.Namespace, *, on_hardware: bool = False) -> tuple[str, S
     """
     filename, name = args.scenario_file, args.scenario_name
     if filename is None:
-        filename, name = diagram_path("dynamic.scenarios.yaml"), name or DEFAULT_SCENARIO
+        filename, name = diagram_path(PACKAGED), name or DEFAULT_SCENARIO
     name = name or only_scenario(filename)
     chosen = {
         "control": _given(controller=args.controller, mode=args.mode, speed=args.speed),

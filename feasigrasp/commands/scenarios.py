@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario.files import load_scenario, scenario_names
+from feasigrasp.scenario.files import PACKAGED, load_scenario, scenario_names
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.sampling import largest_speed
 from feasigrasp.scenario.schema import Scenario
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
+    filename = args.scenario_file or diagram_path(PACKAGED)
     names = scenario_names(filename)
     width = max(map(len, names), default=0)
     for name in names:

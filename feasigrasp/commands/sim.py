@@ -7,15 +7,7 @@ whoever carries the object here judges how long a lift takes. See ``docs/hardwar
 import argparse
 from functools import partial
 
-from feasigrasp.commands.run import (
-    add_lcm_option,
-    add_scenario_name,
-    add_scenario_options,
-    files_read,
-    keep,
-    load,
-    speed_text,
-)
+from feasigrasp.commands import run
 from feasigrasp.outputs import check_outputs
 from feasigrasp.runs.console import StatusLine
 from feasigrasp.runs.hardware.cell import simulate_cell
@@ -27,8 +19,8 @@ from feasigrasp.scenario.sampling import load_scenario_object
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    add_scenario_name(parser)
-    add_scenario_options(parser)
+    run.add_scenario_name(parser)
+    run.add_scenario_options(parser)
     parser.add_argument(
         "--results", type=output(".json", ""), metavar="FILE.json", help="Write the run's record."
     )
@@ -39,25 +31,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="Largest real-time factor: simulated seconds per second. Less gives a slow computer "
         "time to control.",
     )
-    add_lcm_option(parser)
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    check_outputs({"--results": args.results}, files_read(args))
-    name, scenario = load(args, on_hardware=True)
-    print(speed_text(scenario.control.speed, on_hardware=True), flush=True)
+    check_outputs({"--results": args.results}, run.files_read(args))
+    name, scenario = run.load(args, on_hardware=True)
+    print(run.speed_text(scenario.control.speed, on_hardware=True), flush=True)
     print_notes(load_scenario_object(scenario))
     line = StatusLine()
+    keep = partial(run.keep, results=args.results, line=line)
     try:
-        record = simulate_cell(
-            scenario,
-            name,
-            lcm_url=args.lcm_url,
-            rate=args.rate,
-            keep=partial(keep, results=args.results, line=line),
-            line=line,
-        )
+        record = simulate_cell(scenario, name, args.lcm_url, args.rate, keep, line)
     finally:
         line.clear()
     return {None: 0, INTERRUPTED: STATUS}.get(record["error"], 1)

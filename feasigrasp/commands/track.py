@@ -62,11 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check_size(points: Array, gpdf: Gpdf) -> None:
-    """Refuses a view (n, 3) [m] that is mostly a table, and notes a size that objects hardly have.
-
-    Raises:
-        PointCloudError: It shows a table.
-    """
+    """Raises a PointCloudError for a view (n, 3) [m] of a table, and notes an unlikely size."""
     # Lengths that are plausible [m]: at least three voxels of a field (3 mm each), and at most
     # twice the longest built-in object (the hammer, 0.24 m).
     smallest, largest = 0.01, 0.5
@@ -87,11 +83,7 @@ def check_size(points: Array, gpdf: Gpdf) -> None:
 
 
 def step(tracker: UnaidedTracker, image: TrackerImage) -> tuple[UnaidedTracker, Array | None]:
-    """The tracker after an image, and X_WO if that gave a pose.
-
-    Raises:
-        PointCloudError: The first view of the object shows a table.
-    """
+    """The tracker after an image, and X_WO if that gave a pose; see `check_size`."""
     had_shape = tracker.tracker.shape.gpdf is not None
     tracker = tracker.looked(image)
     shape, track = tracker.tracker.shape, tracker.tracker.track
@@ -108,9 +100,6 @@ def followed(recording: DepthFolder, tracker: UnaidedTracker) -> tuple[UnaidedTr
     Returns:
         The tracker at the end; and X_WO of the images that gave a pose, NaN for the others, shape
         (n, 4, 4).
-
-    Raises:
-        PointCloudError: The first view of the object shows a table.
     """
     poses = np.full((len(recording.files), 4, 4), np.nan)
     for k in tqdm(range(len(recording.files)), unit="image", desc="tracking"):

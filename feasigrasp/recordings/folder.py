@@ -15,6 +15,7 @@
 Large images are decimated when they are read: tracking needs no more than 430 pixels in a row.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -139,22 +140,14 @@ def read_depth_folder(
         if depth.any():
             break
     check_unit(file, depth, info.unit)
-    height, width = depth.shape
+    size = height, width = depth.shape
     factor = decimation(width)
+    camera, X_WC = info.camera(width, height).decimated(factor), _camera_poses(root, times)
     masks, label, notes = _masks(root, files, label)
     colors, more = _colors(root, files, times)
+    notes += more
     return DepthFolder(
-        info.camera(width, height).decimated(factor),
-        files,
-        times,
-        info.unit,
-        _camera_poses(root, times),
-        masks,
-        label,
-        colors,
-        (height, width),
-        factor,
-        notes + more,
+        camera, files, times, info.unit, X_WC, masks, label, colors, size, factor, notes
     )
 
 
@@ -167,11 +160,7 @@ def decimation(width: int) -> int:
 def _masks(
     root: Path, files: list[Path], label: int | None
 ) -> tuple[dict[str, Path], int | None, tuple[str, ...]]:
-    """Masks by the names of depth images, the object's value in them, and notes on others.
-
-    Raises:
-        InputError: Of several objects none is given, or no mask has the name of a depth image.
-    """
+    """Masks by the names of depth images, the object's value in them, and notes on others."""
     # Of BOP's two folders that of the visible parts.
     names = ("mask_visib", "mask", "masks", "segmentation", "seg", "labels", "label")
     folder = next((root / name for name in names if any(_pictures(root / name))), None)
@@ -187,16 +176,13 @@ def _masks(
         numbers = sorted({end for image, _, end in parts.values() if image in stems})
         chosen = [n for n in numbers if label is None or n.isdigit() and int(n) == label]
         if len(chosen) != 1:
-            what = (
-                f"objects {', '.join(numbers[:8])}; give --label" if numbers else "no depth image"
-            )
+            several = f"objects {', '.join(numbers[:8])}; give --label"
+            what = several if numbers else "no depth image"
             raise InputError(f"the names of the masks in {folder} are of {what}")
         found = {parts[s][0]: file for s, file in found.items() if parts[s][2] == chosen[0]}
         label = None
-    used = {stem: file for stem, file in found.items() if stem in stems}
-    lost = len(found) - len(used)
-    note = f"{lost} masks in {folder} have the name of no depth image, and are not used"
-    return used, label, (note,) if lost else ()
+    used, notes = _of_images(found, stems, f"masks in {folder}")
+    return used, label, notes
 
 
 def _colors(root: Path, files: list[Path], times: Array) -> tuple[dict[str, Path], tuple[str, ...]]:
@@ -207,12 +193,16 @@ def _colors(root: Path, files: list[Path], times: Array) -> tuple[dict[str, Path
         nearest, near = _nearest(np.array(stamps), times)
         pairs = zip(files, nearest, near, strict=True)
         return {file.stem: names[at] for file, at, is_near in pairs if is_near}, ()
-    found = [file for name in ("color", "rgb") for file in _pictures(root / name)]
-    stems = {file.stem for file in files}
-    used = {file.stem: file for file in found if file.stem in stems}
-    note = (
-        f"{len(found) - len(used)} color images have the name of no depth image, and are not used"
-    )
+    found = {file.stem: file for name in ("color", "rgb") for file in _pictures(root / name)}
+    return _of_images(found, {file.stem for file in files}, "color images")
+
+
+def _of_images(
+    found: dict[str, Path], stems: set[str], what: str
+) -> tuple[dict[str, Path], tuple[str, ...]]:
+    """Those that have the name of a depth image, and a note if there are others."""
+    used = {stem: file for stem, file in found.items() if stem in stems}
+    note = f"{len(found) - len(used)} {what} have the name of no depth image, and are not used"
     return used, (note,) if len(used) < len(found) else ()
 
 
@@ -229,8 +219,10 @@ def _stamped(root: Path, rate: float) -> tuple[list[Path], Array]:
         pairs = _stamped_list(list_file)
     else:
         files = _pictures(root / "depth")
-        named = all("." in file.stem and _is_number(file.stem) for file in files)
-        pairs = [(float(file.stem) if named else k / rate, file) for k, file in enumerate(files)]
+        pairs = [(k / rate, file) for k, file in enumerate(files)]
+        with suppress(ValueError):  # else the names are no times
+            if all("." in file.stem for file in files):
+                pairs = [(float(file.stem), file) for file in files]
     if not pairs:
         raise InputError(f"there are no depth images {root / 'depth' / '*.png'}")
     pairs.sort()
@@ -284,11 +276,3 @@ def _lines(file: Path) -> list[str]:
     except (OSError, ValueError) as error:
         raise InputError(f"{file} cannot be read: {error}") from error
     return [line for line in lines if line.strip() and not line.startswith("#")]
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

@@ -21,18 +21,13 @@ from feasigrasp.recordings.camera_file import find_camera, read_camera
 
 
 def camera_file_of(depth: str | Path) -> Path:
-    """The camera file beside a depth image, or one folder up.
-
-    Raises:
-        InputError: There is none.
-    """
+    """The camera file beside a depth image, or one folder up; an InputError if there is none."""
     folder = Path(depth).absolute().parent
-    for place in (folder, folder.parent):
-        if (found := find_camera(place)) is not None:
-            return found
-    raise InputError(
-        f"there is no camera.json beside {depth} or one folder up; give --intrinsics fx,fy,cx,cy"
-    )
+    found = find_camera(folder) or find_camera(folder.parent)
+    if found is None:
+        mend = "give --intrinsics fx,fy,cx,cy"
+        raise InputError(f"there is no camera.json beside {depth} or one folder up; {mend}")
+    return found
 
 
 @checked(InputError)
@@ -101,10 +96,9 @@ def captured_points(
 
 
 def check_box(box: Sequence[int] | None, shape: tuple[int, ...]) -> None:
-    """Refuses a box (first column and row, last ones) that is not in an image (height, width).
+    """Raises a CameraError for a box (first column and row, last ones) that is not in an image.
 
-    Raises:
-        CameraError: It is not; None is no box.
+    The image has a shape (height, width); None is no box.
     """
     if box is None:
         return
@@ -141,10 +135,9 @@ def read_depth(file: str | Path, unit: Positive = 1e-3) -> Array:
         check_unit(file, depth, None)
         return depth
     if pixels.dtype.kind not in "iu" or pixels.dtype.itemsize < 2:
-        bits = 8 * pixels.dtype.itemsize
         raise InputError(
-            f"{file} has {bits}-bit pixels ({pixels.dtype.name}), which hold no measured depth; "
-            "save the raw depth as a 16-bit PNG"
+            f"{file} has {8 * pixels.dtype.itemsize}-bit pixels ({pixels.dtype.name}), which hold "
+            "no measured depth; save the raw depth as a 16-bit PNG"
         )
     return unit * pixels.astype(float)
 
@@ -243,11 +236,7 @@ def picked(image: NDArray[Any], factor: int) -> NDArray[Any]:
 
 
 def check_size(file: str | Path, shape: tuple[int, ...], expected: tuple[int, int]) -> None:
-    """Refuses a picture of another size (height, width) than that of the camera.
-
-    Raises:
-        InputError: It has another one.
-    """
+    """Raises an InputError for a picture of another size (height, width) than the depth image's."""
     if shape != expected:
         raise InputError(
             f"{file} has {shape[1]} x {shape[0]} pixels, but the depth image "
@@ -256,18 +245,16 @@ def check_size(file: str | Path, shape: tuple[int, ...], expected: tuple[int, in
 
 
 def check_unit(file: str | Path, depth: Array, unit: float | None) -> None:
-    """Rejects a depth image (height, width) [m] in another unit than it was read with.
+    """Raises an InputError for depths (height, width) [m] that were read with a wrong unit [m].
 
-    That is in metres per unit; None for floating-point numbers, which are in metres.
-
-    Raises:
-        InputError: Its median depth is nothing that a depth camera measures.
+    Their median is nothing that a depth camera measures. The unit of floating-point numbers, which
+    are in metres, is None.
     """
-    # A median depth beyond these is a wrong unit [m]: a D405 measures from 0.07 m, and depth
-    # cameras of robots to about 10 m (data sheets).
-    plausible = 0.02, 20.0
+    # Medians [m]: a D405 measures from 0.07 m, and depth cameras of robots to about 10 m (data
+    # sheets).
+    low, high = 0.02, 20.0
     measured = depth[depth > 0.0]
-    if measured.size == 0 or plausible[0] <= (middle := np.median(measured)) <= plausible[1]:
+    if measured.size == 0 or low <= (middle := np.median(measured)) <= high:
         return
     if unit is None:
         raise InputError(
@@ -279,7 +266,7 @@ def check_unit(file: str | Path, depth: Array, unit: float | None) -> None:
     fits = [
         f"; if that is {what}, depth_scale is {value:g}"
         for what, value in meant.items()
-        if plausible[0] <= middle * value / scale <= plausible[1]
+        if low <= middle * value / scale <= high
     ]
     raise InputError(
         f"{file}: its median depth is {middle:.2g} m with depth_scale {scale:g} [mm per unit], "

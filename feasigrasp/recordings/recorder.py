@@ -138,11 +138,7 @@ DepthCamera = Callable[
 
 
 def check_new_recording(folder: Path) -> None:
-    """Refuses a folder that holds depth images already.
-
-    Raises:
-        OutputError: It does.
-    """
+    """Raises an OutputError for a folder that holds depth images already."""
     if any((folder / "depth").glob("*.png")):
         raise OutputError(f"{folder} holds depth images already; give another folder")
 

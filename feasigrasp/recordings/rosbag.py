@@ -71,7 +71,7 @@ def rosbag(file: Path) -> Iterator[tuple[CameraInfo, Iterator[DepthFrame]]]:
                 raise InputError(f"{file} has no {info}, the intrinsics of {depth}; record it too")
             messages = reader.iter_decoded_messages([depth, *([color] if color else [])])
             camera = _camera(first[3], info)
-        yield camera, _named(file, _frames(depth, messages))
+        yield camera, _frames(file, depth, messages)
 
 
 @contextmanager
@@ -82,11 +82,6 @@ def _readable(file: Path) -> Iterator[None]:
         raise
     except Exception as error:  # the readers raise whatever they stumble over
         raise InputError(f"{file} cannot be read as MCAP ({error!r}); record it anew") from error
-
-
-def _named(file: Path, frames: Iterator[DepthFrame]) -> Iterator[DepthFrame]:
-    with _readable(file):
-        yield from frames
 
 
 def _chosen(topics: list[str]) -> str | None:
@@ -104,22 +99,23 @@ def _camera(info: Any, topic: str) -> CameraInfo:
     return CameraInfo((k[0], k[4], k[2], k[5]), size=(info.width, info.height), source=topic)
 
 
-def _frames(depth_topic: str, messages: Any) -> Iterator[DepthFrame]:
+def _frames(file: Path, depth_topic: str, messages: Any) -> Iterator[DepthFrame]:
     """Each depth image with the color image that is nearest in time."""
     waiting: list[tuple[float, NDArray[np.uint16]]] = []
     color: tuple[float, NDArray[np.uint8]] | None = None
     count = itertools.count()
-    for _, channel, _, message in messages:
-        time = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-        pixels = _pixels(channel.topic, message)
-        if channel.topic == depth_topic:
-            waiting.append((time, _millimetres(pixels)))
-            continue
-        later = time, pixels
-        for taken, depth in waiting:
-            sooner = color if color and taken - color[0] < time - taken else later
-            yield DepthFrame(taken, next(count), depth, sooner[1])
-        waiting, color = [], later
+    with _readable(file):
+        for _, channel, _, message in messages:
+            time = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+            pixels = _pixels(channel.topic, message)
+            if channel.topic == depth_topic:
+                waiting.append((time, _millimetres(pixels)))
+                continue
+            later = time, pixels
+            for taken, depth in waiting:
+                sooner = color if color and taken - color[0] < time - taken else later
+                yield DepthFrame(taken, next(count), depth, sooner[1])
+            waiting, color = [], later
     for taken, depth in waiting:
         last = color[1] if color else np.zeros((*depth.shape, 3), dtype=np.uint8)
         yield DepthFrame(taken, next(count), depth, last)

@@ -109,9 +109,8 @@ class UnaidedTracker(Frozen):
             return np.s_[:, :]
         X_WO, slack, _ = expected
         body = (gpdf.points @ X_WO[:3, :3].T + X_WO[:3, 3] - X_WC[:3, 3]) @ X_WC[:3, :3]
-        (left, right), (top, bottom) = (
-            (side.min(), side.max()) for side in self.camera.pixels(body)
-        )
+        columns, rows = self.camera.pixels(body)
+        left, right, top, bottom = columns.min(), columns.max(), rows.min(), rows.max()
         # Half as much again on every side, and by what the pose may err.
         more = 8.0 + 0.5 * max(right - left, bottom - top)
         more += self.camera.intrinsics[0] * slack / max(float(body[:, 2].min()), self.camera.near)
@@ -184,8 +183,7 @@ class UnaidedTracker(Frozen):
         middle, size = np.median(body, axis=0), float(np.linalg.norm(np.ptp(body, axis=0)))
         around = points[at.ravel()]
         around = around[np.linalg.norm(around - middle, axis=1) < size]
-        z = float((middle - X_WC[:3, 3]) @ X_WC[:3, 2])
-        tolerance = float(self._foot(z))
+        tolerance = float(self._foot(float((middle - X_WC[:3, 3]) @ X_WC[:3, 2])))
         plane = support_plane(around, body, X_WC[:3, 3], tolerance, guesses)
         if plane is None and guesses:
             plane = guesses[1]
@@ -204,7 +202,7 @@ class UnaidedTracker(Frozen):
     def _foot(self, z: ArrayLike) -> Array:
         """What is no higher above the plane is of it, at depths z [m]."""
         # Where a body stands cameras smear from one to the other without a jump: with 5 mm a desk
-        # is learnt as the foot of a cube [m].
+        # is learnt as the foot of a cube.
         return 0.01 + SIGMAS * self.camera.depth_noise * np.square(z)
 
     def _kinds(self, points: Array, seen: Mask, X_WC: Array) -> NDArray[np.uint8]:
@@ -230,10 +228,9 @@ class UnaidedTracker(Frozen):
             # A box that shows fewer pixels points to an object. Source: guessed.
             if np.count_nonzero(bounded) >= 300:
                 return bounded
-        if expected is not None and expected.lost:
-            found = self._searched(view, kinds, likely)
-            if found is not None:
-                return found
+        lost = expected is not None and expected.lost
+        if lost and (found := self._searched(view, kinds, likely)) is not None:
+            return found
         known = Known(box=self.box)
         if expected is not None:
             known = Known(self.tracker.shape.gpdf, expected.X_WO, slack=expected.slack)

@@ -1,18 +1,18 @@
 """Console output of a run: a progress line, and a table of the outcome."""
 
+import math
 import shutil
 import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any, TextIO
 
 from feasigrasp.models.control.status import Status
 from feasigrasp.runs.metrics.cause import Cause
 from feasigrasp.runs.metrics.table import METRICS, UNITLESS, Subject
 
-#: Least wall time between two changes of the line [s]. Source: guessed.
-_PERIOD = 0.1
 #: Timings of a record, with their units; they stand before the computing times.
 TIMINGS = {"simulated_s": "s", "build_s": "s", "wall_s": "s", "real_time_factor": "1"}
 #: Details of a cause.
@@ -33,17 +33,17 @@ class StatusLine:
         """A line of a stream, the standard output if None."""
         self._stream = sys.stdout if stream is None else stream
         self._visible = self._stream.isatty()
-        self._text, self._since, self._shown_at = "", 0.0, -_PERIOD
+        self._text, self._since, self._shown_at = "", 0.0, -math.inf
         self._lock, self._over = threading.Lock(), threading.Event()
         self._counting: threading.Thread | None = None
 
     def show(self, text: str, *, patient: bool = False) -> None:
         """Shows a text, as much of it as there is room for.
 
-        A ``patient`` one may be dropped because the line has just changed.
+        A ``patient`` one is dropped if the line has changed in the last tenth of a second.
         """
         now = time.monotonic()
-        if not self._visible or (patient and now < self._shown_at + _PERIOD):
+        if not self._visible or (patient and now < self._shown_at + 0.1):
             return
         with self._lock:
             self._text, self._since, self._shown_at = text, now, now
@@ -85,11 +85,9 @@ def verdict(record: Mapping[str, Any]) -> str:
     if record.get("on_hardware"):
         last = "".join(_status(code, detail) for _, code, detail in record["status"][-1:])
         return f"broke off ({record['error']})" if record["error"] else f"ended: {last}"
-    metrics = record["metrics"]
-    held = metrics["grasp_held"]
+    held, tracked = record["metrics"]["grasp_held"], record["metrics"]["tracked_percent"]
     if held:
         return "held"
-    tracked = metrics["tracked_percent"]
     if held is None and record["error"]:
         return f"broke off ({record['error']})"
     if held is None:
@@ -103,22 +101,15 @@ def cause_in_words(record: Mapping[str, Any]) -> str | None:
     if record["metrics"]["cause"] is None:
         return None
     cause = Cause(record["metrics"]["cause"])
-    return _words(cause) + _because(cause, record)
-
-
-def _because(cause: Cause, record: Mapping[str, Any]) -> str:
-    """Details of a cause, in brackets; empty without any."""
-    metrics = record["metrics"]
+    why = [f"last: {_status(code, detail)}" for _, code, detail in record["status"][-1:]]
     if record["error"]:
-        return f" ({record['error']})"
-    if cause in _DETAILS:
-        known = {name: value for name, value in metrics.items() if value is not None}
-        try:
-            return f" ({_DETAILS[cause].format(**known)})"
-        except KeyError:
-            return ""
-    last = record["status"][-1:]  # what was waited for
-    return "".join(f" (last: {_status(code, detail)})" for _, code, detail in last)
+        why = [record["error"]]
+    elif cause in _DETAILS:
+        known = {name: value for name, value in record["metrics"].items() if value is not None}
+        why = []
+        with suppress(KeyError):  # a figure that is not known
+            why = [_DETAILS[cause].format(**known)]
+    return _words(cause) + "".join(f" ({each})" for each in why)
 
 
 def summary(record: Mapping[str, Any]) -> Iterator[str]:

@@ -16,8 +16,8 @@ from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.from_scenario import station_config
 from feasigrasp.systems.station.cell_models import add_cell, robot_instances
 
-#: Meshcat path of everything that it shows, and its color. Source: layout.
-PREFIX, COLOR = "/drake/ghost", Rgba(0.45, 0.25, 0.85, 0.35)
+#: Meshcat path of everything that it shows.
+PREFIX = "/drake/ghost"
 
 
 class Ghost(NamedTuple):
@@ -50,7 +50,8 @@ def show_ghost(meshcat: Meshcat, scenario: Scenario, ghost: Ghost, rate: float) 
     add_cell(plant, config)
     plant.Finalize()
     # Its collision geometry: the visual geometry has colors of its own.
-    params = MeshcatVisualizerParams(role=Role.kProximity, default_color=COLOR, prefix=PREFIX)
+    color = Rgba(0.45, 0.25, 0.85, 0.35)
+    params = MeshcatVisualizerParams(role=Role.kProximity, default_color=color, prefix=PREFIX)
     shown = MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
     diagram = builder.Build()
     root = diagram.CreateDefaultContext()

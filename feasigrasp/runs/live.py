@@ -59,10 +59,10 @@ def serve(answer: Callable[[str, bytes], bytes | None]) -> str:
     return f"http://localhost:{server.server_port}/"
 
 
-#: Names of the controls, and the key that presses the button.
-PAUSE, SPEED, KEY = "pause or go on", "speed [x real time]", "Space"
-#: Speeds that the slider has; at the greatest the simulation is not held up. Source: guessed.
-SLOWEST, FASTEST, STEP = 0.1, 2.0, 0.1
+#: Names of the controls.
+PAUSE, SPEED = "pause or go on", "speed [x real time]"
+#: Greatest speed of the slider, at which the simulation is not held up. Source: guessed.
+FASTEST = 2.0
 #: Time between looks at the controls, the browser and the keyboard while it waits [s]. Source:
 #: guessed.
 _LOOK = 0.05
@@ -79,8 +79,8 @@ class LiveView:
     def __init__(self, meshcat: Meshcat) -> None:
         """Adds the controls to a Meshcat, and serves; a browser may come at any time."""
         self.meshcat = meshcat
-        self.meshcat.AddButton(PAUSE, KEY)
-        self.meshcat.AddSlider(SPEED, SLOWEST, FASTEST, STEP, 1.0)
+        self.meshcat.AddButton(PAUSE, "Space")
+        self.meshcat.AddSlider(SPEED, min=0.1, max=FASTEST, step=0.1, value=1.0)
         self._speed = 0.0
         self.show(0.0, None, None)
         page = live_page(meshcat.port()).encode()
@@ -88,12 +88,8 @@ class LiveView:
 
     def show(self, time: float, status: Status | None, picture: Picture | None) -> None:
         """Sets what the page shows beside the cell: simulated time [s], status, camera picture."""
-        state = {
-            "time": time,
-            "status": status and status_words(status),
-            "picture": picture and picture_text(picture),
-        }
-        self._state = json.dumps(state).encode()
+        words, shown = status and status_words(status), picture and picture_text(picture)
+        self._state = json.dumps({"time": time, "status": words, "picture": shown}).encode()
 
     @property
     def paused(self) -> bool:

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from pydrake.geometry import Meshcat, MeshcatParams
@@ -118,15 +119,11 @@ def take_picture(replay: Path) -> bool:
     Returns:
         Whether there is a picture that is not older than the replay.
     """
-    # Size of the pictures [pixels].
-    width, height = 960, 600
     picture = replay.with_suffix(".png")
     if not replay.exists():
         return False
-    if picture.exists() and picture.stat().st_mtime >= replay.stat().st_mtime:
+    with suppress(BrowserError):
+        if not (picture.exists() and picture.stat().st_mtime >= replay.stat().st_mtime):
+            screenshot(replay, picture, (960, 600))
         return True
-    try:
-        screenshot(replay, picture, (width, height))
-    except BrowserError:
-        return False
-    return True
+    return False

@@ -384,8 +384,7 @@ class _Monitor:
             return EventStatus.ReachedTermination(self._sequencer, "the grasp is over")
         # Beside the table there is nothing: it would fall and spin until numbers overflow.
         X_WO = self._object_pose.Eval(self._station.GetMyContextFromRoot(context))
-        # An object this low has fallen past the table [m].
-        if X_WO.translation()[2] < -1.0:
+        if X_WO.translation()[2] < -1.0:  # past the table [m]
             return EventStatus.ReachedTermination(self._station, "the object has fallen")
         return EventStatus.DidNothing()
 

@@ -19,8 +19,7 @@ def teleport(simulator: Simulator, reachability: Reachability, until: float) -> 
     arm = plant.GetModelInstanceByName(reachability.arm.name)
     plant_context = plant.GetMyMutableContextFromRoot(root)
     while root.get_time() < until:
-        # Time between two looks for a grasp [s].
-        status = simulator.AdvanceTo(min(root.get_time() + 0.05, until))
+        status = simulator.AdvanceTo(min(root.get_time() + 0.05, until))  # until the next look [s]
         if status.reason() != SimulatorStatus.ReturnReason.kReachedBoundaryTime:
             return False
         ports = sequencer.GetMyContextFromRoot(root)
@@ -30,9 +29,8 @@ def teleport(simulator: Simulator, reachability: Reachability, until: float) -> 
         found = np.flatnonzero(np.isfinite(q).all(axis=1))
         if len(found):
             best, rest = q[found[0]], np.zeros(reachability.arm.joints)
-            drive.GetMyMutableContextFromRoot(root).SetDiscreteState(
-                0, np.concatenate([best, rest])
-            )
+            sent = np.concatenate([best, rest])
+            drive.GetMyMutableContextFromRoot(root).SetDiscreteState(0, sent)
             # The joints are where the arm's own controller takes them, by its encoders.
             sensors = station.GetSubsystemByName("joint_sensors")
             there = sensors.GetOutputPort("true_desired_state")

@@ -6,16 +6,15 @@ from pydrake.math import RigidTransform
 from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.choices import nearest
+from feasigrasp.models.choices import nearest, parse_word
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.scenario.schema import Scenario, Segmentation
 
-#: Names of Drake's renderers that need no server; the empty word is its default.
-_RENDERERS = ("", "RenderEngineVtk", "RenderEngineGl")
-#: Numbers of which the first must be less.
-_ORDERED = (("clipping_near", "clipping_far"), ("z_near", "z_far"))
-#: Numbers of which the first must not be greater.
-_NOT_GREATER = (("clipping_near", "z_near"), ("z_far", "clipping_far"))
+#: Pairs of numbers, and what the first must be.
+_ORDERED = (
+    *(("clipping_near", "less than", "clipping_far"), ("z_near", "less than", "z_far")),
+    *(("clipping_near", "at most", "z_near"), ("z_far", "at most", "clipping_far")),
+)
 #: Keys that would do nothing, and how to mend it.
 _WITHOUT_EFFECT = {
     "show_rgb": "no window shows images; leave it out, and see them with --replay FILE.html",
@@ -24,11 +23,7 @@ _WITHOUT_EFFECT = {
 
 
 def check_cameras(scenario: Scenario) -> None:
-    """Checks the cameras beyond the ranges of their numbers.
-
-    Raises:
-        ScenarioError: A value that nothing can run with, or a key that would do nothing.
-    """
+    """Checks the cameras beyond the ranges of their numbers; as `check_scenario`."""
     looking = scenario.perception.camera
     if looking not in scenario.cameras:
         raise ScenarioError(
@@ -39,22 +34,19 @@ def check_cameras(scenario: Scenario) -> None:
     _check_second_camera(scenario)
     for name, camera in scenario.cameras.items():
         _check_effect(name, camera)
-        for pairs, verb in ((_ORDERED, "less than"), (_NOT_GREATER, "at most")):
-            for low, high in pairs:
-                small, great = getattr(camera, low), getattr(camera, high)
-                if not (small < great or (small == great and verb == "at most")):
-                    raise ScenarioError(
-                        f"cameras.{name}.{low} is {small}; it must be {verb} {high}, {great} m"
-                    )
+        for low, verb, high in _ORDERED:
+            small, great = getattr(camera, low), getattr(camera, high)
+            if not (small < great or (small == great and verb == "at most")):
+                raise ScenarioError(
+                    f"cameras.{name}.{low} is {small}; it must be {verb} {high}, {great} m"
+                )
         _check_focal(name, camera.focal)
         renderer = camera.renderer_class
         if not isinstance(renderer, str):
             renderer = type(renderer).__name__.removesuffix("Params")
-        if renderer not in _RENDERERS:
-            raise ScenarioError(
-                f"cameras.{name}.renderer_class is {renderer!r}; choose one of "
-                f"{', '.join(filter(None, _RENDERERS))}{nearest(renderer, _RENDERERS)}"
-            )
+        if renderer:  # else it is Drake's default; these are those that need no server
+            known = ("RenderEngineVtk", "RenderEngineGl")
+            parse_word(known, renderer, f"cameras.{name}.renderer_class", ScenarioError)
 
 
 def _check_effect(name: str, camera: CameraConfig) -> None:
@@ -83,8 +75,7 @@ def _check_effect(name: str, camera: CameraConfig) -> None:
 
 
 def _check_second_camera(scenario: Scenario) -> None:
-    config = scenario.perception
-    second = config.second_camera
+    config, second = scenario.perception, scenario.perception.second_camera
     if not second:
         return
     others = [name for name in scenario.cameras if name != config.camera]

@@ -3,14 +3,14 @@
 import dataclasses as dc
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from feasigrasp.errors import CameraError, GraspError, ScenarioError
 from feasigrasp.models.arguments import check_fields
-from feasigrasp.models.choices import ControlSpace, Span, metadata_of, nearest
+from feasigrasp.models.choices import ControlSpace, Span, metadata_of, nearest, parse_word
 from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper_file import load_gripper
@@ -19,16 +19,12 @@ from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.plugins import plugins
 from feasigrasp.scenario.cameras import check_cameras
-from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.faults import check_faults
 from feasigrasp.scenario.keys import SPANS, WORDS, general, members
 from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.parts import Part, check_parts
 from feasigrasp.scenario.sampling import camera_errors
 from feasigrasp.scenario.schema import EXACT, ControlConfig, Scenario, Segmentation
-
-#: Models of the cell that no obstacle may be named like.
-RESERVED = ("iiwa", "gripper", "camera", "table", "object", "world")
 
 #: What the entries of ``camera_noise`` may be.
 _NOISE = metadata_of(DepthNoise) | metadata_of(HandEyeError)
@@ -66,11 +62,7 @@ def check_scenario(scenario: Scenario) -> None:
 
 
 def check_types_too(scenario: Scenario) -> None:
-    """Checks a scenario of which values may have been set since it was read.
-
-    Raises:
-        ScenarioError: A value of another type, or see `check_scenario`.
-    """
+    """Checks a scenario of which values may have been set since it was read, types as well."""
     for section in (scenario, *vars(scenario).values()):
         if dc.is_dataclass(section):
             check_fields(section, ScenarioError)
@@ -100,15 +92,14 @@ def _check_cell(scenario: Scenario) -> None:
     for name in names:
         if not (isinstance(name, str) and re.fullmatch(r"[A-Za-z]\w*", name)):
             raise ScenarioError(f"cell has the obstacle {name!r}; give letters, digits and _")
-        if name in RESERVED or names.count(name) > 1:
+        taken = ("iiwa", "gripper", "camera", "table", "object", "world")  # models of the cell
+        if name in taken or names.count(name) > 1:
             raise ScenarioError(f"cell has the obstacle {name!r}; that name is taken, give another")
     for name, mesh in cell.meshes.items():
         if not mesh.file:
             raise ScenarioError(f"cell.meshes.{name}.file is empty; give the mesh's file")
-    kinds: dict[str, Mapping[str, BoxConfig | MeshConfig]]
-    kinds = {"boxes": cell.boxes, "meshes": cell.meshes}
-    for kind, of_kind in kinds.items():
-        for name, body in of_kind.items():
+    for kind in ("boxes", "meshes"):
+        for name, body in getattr(cell, kind).items():
             for key, value in vars(body).items():
                 if isinstance(value, list) and len(value) != 3:
                     where = f"cell.{kind}.{name}.{key}"
@@ -161,17 +152,12 @@ def numbers(
 def _check_number(path: tuple[str, ...], index: str, value: float, span: Span | None) -> None:
     shown = ".".join(map(str, path)) + index
     low, high, unit = span or Span()
+    text = f" {low:.10g} {unit}" if low == high else f" from {low:.10g} to {high:.10g} {unit}"
+    text = text.rstrip() if np.isfinite(high) else ""
     if not np.isfinite(value):
-        raise ScenarioError(f"{shown} is {value}; give a finite number{_range(low, high, unit)}")
+        raise ScenarioError(f"{shown} is {value}; give a finite number{text}")
     if not low <= value <= high:
-        raise ScenarioError(f"{shown} is {value:.10g}; it must be{_range(low, high, unit)}")
-
-
-def _range(low: float, high: float, unit: str) -> str:
-    if not np.isfinite(high):
-        return ""
-    text = f"{low:.10g}" if low == high else f"from {low:.10g} to {high:.10g}"
-    return f" {text} {unit}".rstrip()
+        raise ScenarioError(f"{shown} is {value:.10g}; it must be{text}")
 
 
 def words(scenario: Scenario) -> dict[str, Sequence[str]]:
@@ -187,19 +173,11 @@ def words(scenario: Scenario) -> dict[str, Sequence[str]]:
 def _check_choices(scenario: Scenario) -> None:
     for key, allowed in words(scenario).items():
         section, name = key.split(".")
-        choice = getattr(getattr(scenario, section), name)
-        if choice not in allowed:
-            raise ScenarioError(
-                f"{key} is {choice!r}; choose one of {', '.join(allowed)}{nearest(choice, allowed)}"
-            )
+        parse_word(allowed, getattr(getattr(scenario, section), name), key, ScenarioError)
 
 
 def check_segmentation(scenario: Scenario, *, own: bool) -> None:
-    """Checks that a custom segmentation has a place in the diagram, if there is one.
-
-    Raises:
-        ScenarioError: The label image of the simulation says which pixels show the object.
-    """
+    """Raises a ScenarioError if a custom segmentation has no place in the diagram."""
     if own and scenario.perception.segmentation != Segmentation.DEPTH:
         raise ScenarioError(
             "parts.segmentation is not used while perception.segmentation is labels; give "
@@ -223,14 +201,13 @@ def _check_distractor_bodies(scenario: Scenario) -> None:
 
 def _check_law(scenario: Scenario) -> None:
     """Only ``safe`` mode plans and is slowed down; settings are for parts that packages add."""
-    config = scenario.control
+    config, reach = scenario.control, scenario.reachability
     if not config.density and config.controller not in [*ControlSpace]:
         raise ScenarioError(
             f"control.density is False, but controller {config.controller} has no density of "
             f"grasps; give control.controller: {' or '.join(ControlSpace)}"
         )
-    mode = added_mode(config.mode)
-    if mode is not None:
+    if (mode := added_mode(config.mode)) is not None:
         _check_unenforced(config)
         mode.check(scenario)
         return
@@ -240,9 +217,9 @@ def _check_law(scenario: Scenario) -> None:
             f"{config.controller} takes none in safe mode; give control.mode: "
             f"{' or '.join(plugins('modes'))}"
         )
-    if scenario.reachability.options and scenario.reachability.method == EXACT:
+    if reach.options and reach.method == EXACT:
         raise ScenarioError(
-            f"reachability.options has {', '.join(map(str, scenario.reachability.options))}, but "
+            f"reachability.options has {', '.join(map(str, reach.options))}, but "
             f"method {EXACT} takes none; give reachability.method: {' or '.join(plugins('judges'))}"
         )
 
@@ -279,19 +256,16 @@ def _check_standoff(scenario: Scenario) -> None:
 
 
 def _check_camera_noise(scenario: Scenario) -> None:
-    known = [field.name for errors in (DepthNoise, HandEyeError) for field in dc.fields(errors)]
     for name, changes in scenario.camera_noise.items():
         if name not in scenario.cameras:
             raise ScenarioError(
                 f"camera_noise names {name!r}, but cameras has "
                 f"{', '.join(scenario.cameras) or 'none'}{nearest(name, scenario.cameras)}"
             )
-        unknown = [str(key) for key in changes if key not in known]
-        if unknown:
+        if unknown := [str(key) for key in changes if key not in _NOISE]:
             raise ScenarioError(
-                f"camera_noise.{name} has {', '.join(map(str, unknown))}; it may have "
-                f"{', '.join(known)}"
-                f"{nearest(unknown[0], known)}"
+                f"camera_noise.{name} has {', '.join(unknown)}; it may have {', '.join(_NOISE)}"
+                f"{nearest(unknown[0], _NOISE)}"
             )
         try:
             camera_errors(changes)
@@ -301,12 +275,8 @@ def _check_camera_noise(scenario: Scenario) -> None:
 
 def _check_vectors(scenario: Scenario) -> None:
     motion, arm = scenario.motion, load_arm(scenario.arm)
-    vectors = {
-        f"motion.{key}": (value, 3)
-        for key, value in vars(motion).items()
-        if isinstance(value, list)
-    }
-    vectors |= {
+    lists = {k: v for k, v in vars(motion).items() if isinstance(v, list)}
+    vectors = {f"motion.{key}": (value, 3) for key, value in lists.items()} | {
         "distractor.offset": (scenario.distractor.offset, 3),
         "grasp.lift": (scenario.grasp.lift, 3),
         "grasp.shake": (scenario.grasp.shake, 3),

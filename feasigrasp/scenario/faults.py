@@ -78,12 +78,7 @@ AnyFault = typing.Union[  # noqa: UP007 - the form of Drake's own schema
 
 
 def check_faults(faults: Sequence[Fault | Untagged]) -> None:
-    """Checks the values of a scenario's faults.
-
-    Raises:
-        ScenarioError: A fault without a tag, or a value out of its range; the message names fault,
-            value and range.
-    """
+    """Raises a ScenarioError for a fault without a tag, or a value out of its range."""
     for index, fault in enumerate(faults):
         if isinstance(fault, Untagged):
             tags = ", ".join(f"!{kind.__name__}" for kind in typing.get_args(AnyFault)[1:])

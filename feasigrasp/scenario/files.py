@@ -21,7 +21,7 @@ from feasigrasp.models.robot.gripper_file import GRIPPERS
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
-from feasigrasp.scenario.keys import check_keys, find, move_keys, replace_former_keys
+from feasigrasp.scenario.keys import check_keys, find, replace_former_keys
 from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.schema import Scenario
 
@@ -71,32 +71,18 @@ def _from(folder: Path, name: str, ours: Collection[str]) -> str:
 PACKAGED = "dynamic.scenarios.yaml"
 #: What Drake's reader raises; it takes much for granted.
 _YAML_ERRORS = (
-    RuntimeError,
-    ValueError,
-    TypeError,
-    LookupError,
-    AttributeError,
-    AssertionError,
-    ArithmeticError,
-    yaml.YAMLError,
+    *(RuntimeError, ValueError, TypeError, LookupError),
+    *(AttributeError, AssertionError, ArithmeticError, yaml.YAMLError),
 )
 
 
 def scenario_names(filename: str | Path) -> list[str]:
-    """The names of the scenarios in a file; those that start with ``_`` are shared anchors.
-
-    Raises:
-        ScenarioError: There is no such file, or it is not YAML.
-    """
+    """The names of the scenarios in a file; those that start with ``_`` are shared anchors."""
     return _names(_nodes(filename))
 
 
 def only_scenario(filename: str | Path) -> str:
-    """The name of the scenario of a file that has one.
-
-    Raises:
-        ScenarioError: It has more than one, or none, or cannot be read.
-    """
+    """The name of the scenario of a file; a ScenarioError if it has more than one, or none."""
     names = scenario_names(filename)
     if len(names) != 1:
         has = f"{len(names)} scenarios: {', '.join(names)}; name one" if names else "no scenario"
@@ -210,11 +196,7 @@ def dump_scenario(scenario: Scenario) -> str:
 
 
 def parse_scenario(text: str) -> Scenario:
-    """Reads what `dump_scenario` wrote, e.g. the ``scenario_yaml`` of a result file.
-
-    Raises:
-        ScenarioError: Unknown key or value.
-    """
+    """Reads what `dump_scenario` wrote, e.g. the ``scenario_yaml`` of a result file."""
     with _named("not a scenario"):
         root = compose_yaml(text, ScenarioError)
         scenario = _load(root, _defaults([root], Scenario()))
@@ -287,8 +269,7 @@ def _defaults(nodes: Iterable[yaml.Node], base: Scenario) -> Scenario:
 
 def _load(node: yaml.Node, defaults: Scenario) -> Scenario:
     """Reads the tree of a scenario, or of changes of ``defaults``."""
-    replace_former_keys(node)
-    move_keys(node, defaults)
+    replace_former_keys(node, defaults)
     motion = find(node, "motion")  # without a tag it changes that of the defaults
     if motion is not None and motion.tag == "tag:yaml.org,2002:map":
         motion.tag = f"!{type(defaults.motion).__name__}"
@@ -314,6 +295,6 @@ def _empty(value: Any, given: Any) -> None:
         _empty(part, each)
 
 
-def _shortened(text: str, length: int = 60) -> str:
+def _shortened(text: str) -> str:
     line = " ".join(text.split())
-    return line if len(line) <= length else f"{line[:length]}..."
+    return line if len(line) <= 60 else f"{line[:60]}..."

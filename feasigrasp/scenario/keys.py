@@ -8,7 +8,7 @@ import dataclasses as dc
 import types
 import typing
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import yaml
@@ -78,36 +78,35 @@ def find(root: yaml.Node, *path: str) -> yaml.Node | None:
     return found
 
 
-def replace_former_keys(root: yaml.Node) -> None:
-    """Renames former keys of a scenario, with a warning; drops those that Drake no longer has."""
-    for key, value in root.value if isinstance(root, yaml.MappingNode) else ():
-        if key.tag == f"{_TAG}merge":
-            replace_former_keys(value)
-        elif isinstance(value, yaml.MappingNode):
-            value.value = [
-                (k, v) for k, v in value.value if _FORMER.get((key.value, k.value), ...) != v.value
-            ]
-            for k, _ in value.value:
-                if new := _RENAMED.get((key.value, k.value)):
-                    warnings.warn(
-                        f"{key.value}.{k.value} is now {key.value}.{new}; rename the key (line "
-                        f"{k.start_mark.line + 1}), the next release does not read it",
-                        FutureWarning,
-                        stacklevel=2,
-                    )
-                    k.value = new
+def replace_former_keys(root: yaml.Node, defaults: typing.Any) -> None:
+    """Renames former keys of a scenario, with a warning; drops those that Drake no longer has.
 
-
-def move_keys(root: yaml.Node, defaults: typing.Any) -> None:
-    """Puts keys of older releases into ``options`` of their section of the tree.
-
-    Those change the options of the scenario ``defaults``.
+    Those that are options now change the options of the scenario ``defaults``.
     """
+    for section, node in _sections(root):
+        node.value = [
+            (k, v) for k, v in node.value if _FORMER.get((section, k.value), ...) != v.value
+        ]
+        for k, _ in node.value:
+            if new := _RENAMED.get((section, k.value)):
+                warnings.warn(
+                    f"{section}.{k.value} is now {section}.{new}; rename the key (line "
+                    f"{k.start_mark.line + 1}), the next release does not read it",
+                    FutureWarning,
+                    stacklevel=2,
+                )
+                k.value = new
+        if section in _MOVED:
+            _move(node, _MOVED[section], getattr(defaults, section).options)
+
+
+def _sections(root: yaml.Node) -> Iterator[tuple[str, yaml.MappingNode]]:
+    """Name and mapping of every section of a tree, merged ones as well."""
     for key, value in root.value if isinstance(root, yaml.MappingNode) else ():
         if key.tag == f"{_TAG}merge":
-            move_keys(value, defaults)
-        elif key.value in _MOVED and isinstance(value, yaml.MappingNode):
-            _move(value, _MOVED[key.value], getattr(defaults, key.value).options)
+            yield from _sections(value)
+        elif isinstance(value, yaml.MappingNode):
+            yield key.value, value
 
 
 def _move(
@@ -153,17 +152,18 @@ def check_keys(node: yaml.Node, kind: typing.Any, path: tuple[str, ...] = ()) ->
     shown = ".".join(path) or "the scenario"
     where = f"(line {node.start_mark.line + 1})"
     structs = [_tag(each) for each in of if _is_struct(each)]
+
+    def expect(fits: bool, what: str) -> None:
+        if not fits:
+            raise ScenarioError(f"{shown} is {_text(node)}; give {what} {where}")
+
     if kind is None and structs and not node.tag.startswith(_TAG):
         tags = ", ".join(structs[len(structs) == len(of) :])  # the first of several needs none
         raise ScenarioError(f"{shown} has the tag {node.tag}; give {tags}, or none {where}")
     if kind in _SCALARS:
-        if not _is_scalar(node, kind):
-            raise ScenarioError(f"{shown} is {_text(node)}; give {_SCALARS[kind]} {where}")
+        expect(_is_scalar(node, kind), _SCALARS[kind])
     elif fields := members(kind):
-        if not isinstance(node, yaml.MappingNode):
-            raise ScenarioError(
-                f"{shown} is {_text(node)}; give keys of {', '.join(fields)} {where}"
-            )
+        expect(isinstance(node, yaml.MappingNode), f"keys of {', '.join(fields)}")
         if not given and not node.tag.startswith(_TAG):
             raise ScenarioError(f"{shown} has the tag {node.tag}; leave it out {where}")
         for key, value in node.value:
@@ -180,18 +180,15 @@ def check_keys(node: yaml.Node, kind: typing.Any, path: tuple[str, ...] = ()) ->
                 check_keys(value, fields[name], (*path, name))
                 _check_length(value, kind, name, path)
     elif _is_struct(kind):
-        if not isinstance(node, yaml.MappingNode):
-            what = f"{node.tag} {{}}" if given else f"one of {', '.join(structs)}"
-            raise ScenarioError(f"{shown} is {_text(node)}; give {what} {where}")
+        what = f"{node.tag} {{}}" if given else f"one of {', '.join(structs)}"
+        expect(isinstance(node, yaml.MappingNode), what)
     elif typing.get_origin(kind) is dict:
-        if not isinstance(node, yaml.MappingNode):
-            raise ScenarioError(f"{shown} is {_text(node)}; give names with values {where}")
+        expect(isinstance(node, yaml.MappingNode), "names with values")
         for key, value in node.value:
             if key.tag != f"{_TAG}merge":
                 check_keys(value, typing.get_args(kind)[1], (*path, key.value))
     elif kind is np.ndarray or typing.get_origin(kind) is list:
-        if not isinstance(node, yaml.SequenceNode):
-            raise ScenarioError(f"{shown} is {_text(node)}; give a list {where}")
+        expect(isinstance(node, yaml.SequenceNode), "a list")
         for i, value in enumerate(node.value):
             each = next(iter(typing.get_args(kind)), float)
             check_keys(value, each, (*path[:-1], f"{path[-1]}[{i}]"))
@@ -227,14 +224,11 @@ def _chosen(kind: typing.Any, node: yaml.Node) -> tuple[typing.Any, bool]:
     kinds = typing.get_args(kind)
     if type(None) in kinds and node.tag == f"{_TAG}null":
         return None, False
-    named = [k for k in kinds if _tag(k) == node.tag]
-    if named:
+    if named := [k for k in kinds if _tag(k) == node.tag]:
         return named[0], True
     if all(k in _SCALARS for k in kinds):  # any single value will do
         return next((k for k in kinds if _is_scalar(node, k)), kinds[-1]), False
-    if node.tag.startswith(_TAG):
-        return kinds[0], False
-    return None, False  # Drake's reader lists the tags
+    return kinds[0] if node.tag.startswith(_TAG) else None, False  # Drake's reader lists the tags
 
 
 def _is_scalar(node: yaml.Node, kind: type) -> bool:
@@ -259,11 +253,11 @@ def _text(node: yaml.Node) -> str:
 
 
 # Valid values of the keys of Drake's own schemas, as `feasigrasp.models.choices` has ours.
-_ROTATION = {"deg": TURN, "angle_deg": TURN, "axis": Span(-1e3, 1e3)}
+_ROTATION = {"rotation.deg": TURN, "rotation.angle_deg": TURN, "rotation.axis": Span(-1e3, 1e3)}
 
 #: Least and greatest value of numbers by key; ``*`` is any name.
 SPANS: dict[str, Span] = {
-    **{f"object.rotation.{key}": span for key, span in _ROTATION.items()},
+    **{f"object.{key}": span for key, span in _ROTATION.items()},
     "simulator_config.max_step_size": Span(1e-5, 1.0, "s"),
     "simulator_config.accuracy": Span(1e-10, 0.1),
     "simulator_config.start_time": Span(0.0, 0.0, "s"),
@@ -289,10 +283,7 @@ SPANS: dict[str, Span] = {
     **{
         f"cameras.*.{frame}.{key}": span
         for frame in ("X_PB", "X_BC", "X_BD")
-        for key, span in (
-            ("translation", PLACE),
-            *((f"rotation.{key}", span) for key, span in _ROTATION.items()),
-        )
+        for key, span in ({"translation": PLACE} | _ROTATION).items()
     },
 }
 

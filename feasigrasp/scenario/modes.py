@@ -28,11 +28,7 @@ class Mode(Protocol):
 
 
 def added_mode(name: str) -> Mode | None:
-    """The mode that a package adds; None for ``safe``.
-
-    Raises:
-        ScenarioError: There is no such mode.
-    """
+    """The mode that a package adds; None for ``safe``, a ScenarioError for an unknown one."""
     if parse_word(mode_names(), name, "control.mode", ScenarioError) == SAFE:
         return None
     return load_plugin("modes", name)

@@ -44,12 +44,9 @@ class PartConfig:
 
 
 def check_parts(parts: Mapping[str, PartConfig]) -> None:
-    """Checks that every part is one that can be replaced, and names something.
+    """Raises a ScenarioError if a part is none that can be replaced, or names nothing.
 
     Nothing is imported: reading a scenario runs no code of others. `make_named` does, for a run.
-
-    Raises:
-        ScenarioError: It is not, or does not.
     """
     for key, part in parts.items():
         parse_choice(Part, key, "parts", ScenarioError)
@@ -57,12 +54,7 @@ def check_parts(parts: Mapping[str, PartConfig]) -> None:
 
 
 def load_part(key: str, part: PartConfig) -> Callable[..., Any]:
-    """The class or function that a part names; ``key`` says which part, for messages.
-
-    Raises:
-        ScenarioError: There is no such module, or nothing of that name in it, or it cannot be
-            called.
-    """
+    """The class or function that a part names, see `load_named`; ``key`` says which part."""
     return load_named(_where(key, part), part.name)
 
 
@@ -70,7 +62,7 @@ def load_named(where: str, given: str) -> Callable[..., Any]:
     """The class or function that ``package.module:Name`` names; ``where``, for messages.
 
     Raises:
-        ScenarioError: See `load_part`.
+        ScenarioError: There is no such module, or nothing of that name in it that can be called.
     """
     module_name, name = _split(where, given)
     if os.getcwd() not in sys.path:
@@ -101,11 +93,7 @@ def _split(where: str, given: str) -> tuple[str, str]:
 
 
 def make_named(key: str, part: PartConfig, given: Any) -> Any:
-    """Result of a part's class or function for ``given`` and its options.
-
-    Raises:
-        ScenarioError: It cannot be loaded or made.
-    """
+    """Result of a part's class or function for ``given`` and its options, or a ScenarioError."""
     try:
         return load_part(key, part)(given, **part.options)
     except (TypeError, ValueError) as error:

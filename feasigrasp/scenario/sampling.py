@@ -57,11 +57,7 @@ def make_hand_eye(scenario: Scenario) -> dict[str, HandEyeError]:
 
 
 def camera_errors(entry: dict[str, float]) -> tuple[DepthNoise, HandEyeError]:
-    """An entry of ``camera_noise``, each key for what it is an error of.
-
-    Raises:
-        CameraError: A value out of range.
-    """
+    """An entry of ``camera_noise``, each key for what it is an error of; values are checked."""
     of_pose = {field.name for field in dataclasses.fields(HandEyeError)}
     depth = {key: value for key, value in entry.items() if key not in of_pose}
     pose = {key: value for key, value in entry.items() if key in of_pose}
@@ -88,11 +84,7 @@ def make_friction(scenario: Scenario) -> float:
 
 
 def make_static_obstacles(scenario: Scenario) -> list[StaticObstacle]:
-    """The boxes and meshes of the scenario's cell.
-
-    Raises:
-        MeshError: A mesh cannot be read, or is flat.
-    """
+    """The boxes and meshes of the cell; a MeshError for a mesh that is flat, or not there."""
     cell = scenario.cell
 
     def pose(body: BoxConfig | MeshConfig) -> Array:
@@ -173,27 +165,22 @@ def _checked(motion: Any, name: str) -> ObjectMotion:
 def make_distractor_bodies(
     scenario: Scenario, obj: RigidObject, motion: ObjectMotion
 ) -> list[DistractorBody]:
-    """Carrier and distractor of a scenario.
-
-    Raises:
-        MeshError: There is no such other object.
-    """
-    distractor_bodies: list[DistractorBody] = []
+    """Carrier and distractor of a scenario."""
+    bodies: list[DistractorBody] = []
     kind, distractor = CarrierKind(scenario.carrier.kind), scenario.distractor
     if kind is not CarrierKind.NONE:
-        distractor_bodies.append(Carrier.of(kind, obj, motion, scenario.carrier.hue))
+        bodies.append(Carrier.of(kind, obj, motion, scenario.carrier.hue))
     if distractor.model:
         other = load_object(distractor.model)
         middle = np.zeros(3) if distractor.moving else _center(scenario)
         about = (motion, middle + distractor.offset, distractor.moving)
-        distractor_bodies.append(Distractor("distractor", other.mesh, other.color, *about))
-    return distractor_bodies
+        bodies.append(Distractor("distractor", other.mesh, other.color, *about))
+    return bodies
 
 
 def largest_speed(scenario: Scenario) -> float:
     """The object's largest speed along its path, over a lap or over the run if there is none."""
     motion, end = make_motion(scenario), lap(scenario)
-    # Moments at which the speed is looked at.
     times = np.linspace(0.0, end if math.isfinite(end) else scenario.simulation_duration, 2000)
     return max(float(np.linalg.norm(motion.velocity(t)[3:])) for t in times)
 

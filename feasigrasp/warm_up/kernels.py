@@ -33,21 +33,13 @@ class Kernel:
     signature: str
 
     def function(self) -> Any:
-        """The function.
-
-        Raises:
-            ImportError, AttributeError: There is none any more.
-        """
+        """The function; an ImportError or AttributeError if there is none any more."""
         return getattr(import_module(self.module), self.name)
 
 
 @checked()
 def load_kernels(groups: Collection[str] = GROUPS) -> list[Kernel]:
-    """The functions of these groups.
-
-    Raises:
-        ArgumentError: There is no such group.
-    """
+    """The functions of these groups; an ArgumentError for one that there is not."""
     if unknown := set(groups) - set(GROUPS):
         raise ArgumentError(f"groups: no {sorted(unknown)}; there are {', '.join(GROUPS)}")
     found = json.loads(FILE.read_text())
@@ -111,11 +103,7 @@ def signature_text(of: Any) -> str:
 
 
 def parse_signature(text: str) -> tuple[Any, ...]:
-    """The types of all arguments, of a text of the package's own.
-
-    Raises:
-        ImportError, AttributeError: It names a class that there is not.
-    """
+    """The types of all arguments, of a text of the package's own that names existing classes."""
     return tuple(map(_type, eval(text, {"__builtins__": {}}, _WORDS)))
 
 

@@ -135,12 +135,9 @@ def _callees_of(kernel: Kernel) -> dict[str, int]:
 
 
 def cache_folder() -> Path:
-    """Cache folder of numba for one function, found in this order.
+    """Cache folder of numba for one function; a RuntimeError if none can be written to.
 
-    ``NUMBA_CACHE_DIR``, the folder of the source, and the user's cache (``~/.cache/numba``).
-
-    Raises:
-        RuntimeError: None of them can be written to.
+    It is ``NUMBA_CACHE_DIR``, else beside the source, else the user's (``~/.cache/numba``).
     """
     from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 

@@ -69,10 +69,7 @@ class ReceivedCommands:
 
     @property
     def first(self) -> float | None:
-        """Time of the first request to the guard [s]; None before.
-
-        A guard that serves holds the arm where it is until then.
-        """
+        """Time of the first request to the guard [s], which holds the arm until then; or None."""
         return self.requests[0] if self.requests else None
 
     @property
@@ -92,24 +89,16 @@ class ReceivedCommands:
 def simulate_cell(
     scenario: Scenario,
     name: str,
-    *,
-    lcm_url: str = channels.LCM_URL,
-    rate: float = 1.0,
-    keep: Callable[[dict[str, Any]], None] = lambda record: None,
-    line: StatusLine | None = None,
+    lcm_url: str,
+    rate: float,
+    keep: Callable[[dict[str, Any]], None],
+    line: StatusLine,
 ) -> dict[str, Any]:
     """Simulates a cell until the grasp is over, or the controller gone, and judges it.
 
-    The scenario's duration counts from the controller's first request.
-
-    Args:
-        scenario: The cell, its object and motion.
-        name: The scenario's name, for the record.
-        lcm_url: Where the messages go.
-        rate: How fast simulated time goes at most, against the clock on the wall; no period of
-            the driver is shorter than that.
-        keep: Gets the record.
-        line: Where to say how far the run is.
+    The scenario's duration counts from the controller's first request. Messages go to ``lcm_url``.
+    Simulated time is at most ``rate`` times as fast as the clock on the wall, and no period of the
+    driver is shorter than that. Other arguments are those of `run`.
 
     Returns:
         The record of a run; the controller's internal state (grasps, status) is not in it, and what
@@ -214,7 +203,7 @@ class _Monitor:
         scenario: Scenario,
         received: ReceivedCommands,
         interrupted: Callable[[], bool],
-        line: StatusLine | None,
+        line: StatusLine,
         rate: float,
     ) -> None:
         self.error: str | None = None
@@ -233,9 +222,8 @@ class _Monitor:
         if now < self._next:
             return EventStatus.DidNothing()
         self._next = now + 0.5 * SAMPLE_PERIOD
-        if self._line is not None:
-            waits = "waiting for a controller" if self._received.first is None else "controlled"
-            self._line.show(f"simulating {now:6.1f} s  {waits}", patient=True)
+        waits = "waiting for a controller" if self._received.first is None else "controlled"
+        self._line.show(f"simulating {now:6.1f} s  {waits}", patient=True)
         if self._received.first is None:
             return EventStatus.DidNothing()
         phase = self._handover.GetOutputPort("phase").Eval(
@@ -243,11 +231,10 @@ class _Monitor:
         )[0]
         if phase == Phase.DONE:
             self._done_at = min(self._done_at, now)
-        if now >= self._done_at + SAMPLE_PERIOD:
+        out_of_time = now - self._received.first >= self._scenario.simulation_duration
+        if now >= self._done_at + SAMPLE_PERIOD or out_of_time:
             return self._end(None)
-        if now - self._received.first >= self._scenario.simulation_duration:
-            return self._end(None)
-        # A controller that has said nothing for so long is gone, and the run over [s].
+        # A controller that has said nothing for so long is gone [s].
         if now - self._received.requests[-1] >= 2.0:
             return self._end("the controller is gone: it asks for nothing any more")
         return EventStatus.DidNothing()

@@ -46,26 +46,19 @@ WAIT_FOR_GUARD = 2.0
 def run_hardware(
     scenario: Scenario,
     name: str,
+    lcm_url: str,
+    own_guard: bool,
     *,
-    lcm_url: str = channels.LCM_URL,
-    own_guard: bool = True,
-    log: bool = True,
-    keep: Callable[[dict[str, Any]], None] = lambda record: None,
-    line: StatusLine | None = None,
+    log: bool,
+    keep: Callable[[dict[str, Any]], None],
+    line: StatusLine,
 ) -> Result:
     """Grasps on the drivers' messages until the grasp is over or the scenario's time has passed.
 
     A guard, in a process of its own, commands the arm; when this one asks for nothing any more,
-    for whatever reason, the guard brakes and the arm stays.
-
-    Args:
-        scenario: What to run; object and motion are not looked at.
-        name: Its name, for the record.
-        lcm_url: Where the drivers are.
-        own_guard: Whether to start the guard; else one serves already, see `guard`.
-        log: Whether the result has a log.
-        keep: Gets the record.
-        line: Where to say how far the run is.
+    for whatever reason, the guard brakes and the arm stays. Without ``own_guard`` one serves
+    already, see `guard`. The drivers are at ``lcm_url``; other arguments are those of `run`. Object
+    and motion of the scenario are not looked at.
 
     Returns:
         A result without samples, with a record whose metrics are None: what happened, only who sees
@@ -75,11 +68,10 @@ def run_hardware(
         HardwareError: There is no such bus, or somebody commands the arm already.
         WorkerError: A process of perception does not start.
     """
-    say = line.show if line else lambda text: None
     record = crash_record(scenario, name, "")
     error = None
     with one_thread(), frozen(), postponed_interrupt() as interrupted:
-        say("building the diagram")
+        line.show("building the diagram")
         built = time.perf_counter()
         lcm = channels.open_lcm(lcm_url)
         if own_guard:
@@ -90,7 +82,7 @@ def run_hardware(
         watch = _OwnGuard(lcm_url, scenario) if own_guard else None
         started = time.perf_counter()
         try:
-            say("waiting for the arm's driver")
+            line.show("waiting for the arm's driver")
             if watch is not None:
                 watch.wait_until_it_serves(interrupted)
             # The last of it `ControlLoop.step` waits, and raises.
@@ -106,7 +98,7 @@ def run_hardware(
                         watch.expect()
                     else:
                         commands.expect(loop.simulator.get_context().get_time())
-                    if line is not None and loop.started:
+                    if loop.started:
                         _show(loop, started, line)
         except Exception as failure:
             error = what_failed(failure)

@@ -13,8 +13,6 @@ HELD_FOR = 2.0
 #: ... was closer than this to where it was in the hand when it was let go [m], [rad]. Source:
 #: definition.
 HELD_DISTANCE, HELD_ANGLE = 0.01, np.deg2rad(15.0)
-#: It has risen by this share of the commanded lift at least. Source: definition.
-HELD_LIFT = 0.5
 #: The object starts at rest and has caught up with its path after this time [s]. Source: guessed.
 ON_PATH_AFTER = 0.3
 
@@ -92,11 +90,8 @@ def contact_metrics(contact: Array) -> dict[str, float | None]:
     """
     time, touched, peak, impulse = contact.tolist()
     share = 100.0 * min(1.0, touched / time) if time > 0.0 else None
-    return {
-        "contact_force_peak_n": peak,
-        "contact_impulse_n_s": impulse,
-        "contact_time_percent": share,
-    }
+    names = ("contact_force_peak_n", "contact_impulse_n_s", "contact_time_percent")
+    return dict(zip(names, (peak, impulse, share), strict=True))
 
 
 def hold_metrics(
@@ -115,8 +110,8 @@ def hold_metrics(
         ``slip_mm``, ``turn_deg``: the largest displacement of the object's origin in the hand, and
         the largest rotation, since the object was let go, and ``lift_cm``: how much higher it ended
         than where it was let go; None if it never was. ``grasp_held``: whether the sequence went to
-        its end, and the object has risen by `HELD_LIFT` of the commanded lift and was at its place
-        for the last `HELD_FOR` seconds; ``held_after_s``: if so, when it was let go.
+        its end, and the object has risen by half of the commanded lift and was at its place for
+        the last `HELD_FOR` seconds; ``held_after_s``: if so, when it was let go.
     """
     released = phase > Phase.CLOSE
     if not released.any():
@@ -128,7 +123,8 @@ def hold_metrics(
     last = slice(-1 - round(HELD_FOR / period), None)
     kept = np.all((distance[last] < HELD_DISTANCE) & (angle[last] < HELD_ANGLE))
     rise = float(p_WO[-1, 2] - p_WO[start, 2])
-    held = bool(phase[-1] == Phase.DONE and kept and is_lifted(rise, lift))
+    lifted = lift <= 0.0 or rise >= 0.5 * lift
+    held = bool(phase[-1] == Phase.DONE and kept and lifted)
     return {
         "grasp_held": held,
         "held_after_s": start * period if held else None,
@@ -136,11 +132,6 @@ def hold_metrics(
         "turn_deg": float(np.rad2deg(angle.max())),
         "lift_cm": 100.0 * rise,
     }
-
-
-def is_lifted(rise: float, lift: float) -> bool:
-    """Whether a rise [m] is enough of the commanded one [m]; it is where none was commanded."""
-    return lift <= 0.0 or rise >= HELD_LIFT * lift
 
 
 def _displacement(X_FA: Array, X_FB: Array) -> tuple[Array, Array]:

@@ -8,10 +8,6 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: What a motion exactly at a limit may go beyond it, relative to the limit. Positions of 3 rad are
-#: rounded to 4e-16 rad, their second differences over 5 ms to 1e-10 rad/s^2: a hundred-thousandth
-#: of this. Source: numerical.
-ROUNDING = 1e-6
 #: The true acceleration is the mean over this time [s]. A joint's controller settles in 30 ms or
 #: more, so the mean loses little of a motion; the contact solver's noise, which changes its sign
 #: from one step of 2.5 ms to the next, has no part in it. Source: reasoned.
@@ -78,5 +74,7 @@ def true_accelerations(velocity: Array, step: float) -> Array:
 
 def share_beyond(ratio: Array) -> float:
     """Percentage of the rows (n, m) of which one entry is beyond 1; 0 without rows."""
-    beyond = np.any(ratio > 1.0 + ROUNDING, axis=1)
+    # Positions of 3 rad are rounded to 4e-16 rad, their second differences over 5 ms to
+    # 1e-10 rad/s^2: a hundred-thousandth of what may be beyond.
+    beyond = np.any(ratio > 1.0 + 1e-6, axis=1)
     return 100.0 * float(np.mean(beyond)) if len(beyond) else 0.0

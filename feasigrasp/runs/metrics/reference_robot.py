@@ -40,17 +40,14 @@ from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
 
-#: Largest self-distance that is computed [m]. Source: guessed.
-NEAR = 0.05
-
 
 def self_collision_metrics(reference: ReferenceRobot, Q: Array) -> dict[str, float | None]:
     """``self_collision_percent`` and ``self_distance_min_mm`` of joint positions (n, 7) [rad].
 
-    The distance is None where it never falls below `NEAR`; that of the forearm and the flange does
+    The distance is None where it never falls below 5 cm; that of the forearm and the flange does
     not count as one.
     """
-    distances = reference.self_distances(Q, NEAR)
+    distances = reference.self_distances(Q, 0.05)
     names = [{reference.names[a], reference.names[b]} for a, b in reference.pairs]
     # Forearm and flange: the one turns in the other's fork, 3.6 cm away for most of the way.
     links = reference.arm.link_names
@@ -141,10 +138,13 @@ class ReferenceRobot:
 
         Those not ``below`` [m] do not matter, cost little, and are infinite.
         """
+        scene = self._scene_graph.GetMyContextFromRoot(self._root)
         place = {frozenset(pair): k for k, pair in enumerate(map(tuple, self.pairs.tolist()))}
         found = np.full((len(Q), len(place)), np.inf)
         for row, q in zip(found, Q, strict=True):
-            for near in self._query(q).ComputeSignedDistancePairwiseClosestPoints(below):
+            self.plant.SetPositions(self._context, self._arm, q)
+            query = self._scene_graph.get_query_output_port().Eval(scene)
+            for near in query.ComputeSignedDistancePairwiseClosestPoints(below):
                 k = place[frozenset((self._of[near.id_A], self._of[near.id_B]))]
                 row[k] = min(row[k], near.distance)
         return found
@@ -158,11 +158,6 @@ class ReferenceRobot:
             row[:] = -self.plant.GetVelocitiesFromArray(self._arm, weight)
         return torques
 
-    def _query(self, q: Array):  # type: ignore[no-untyped-def]
-        self.plant.SetPositions(self._context, self._arm, q)
-        context = self._scene_graph.GetMyContextFromRoot(self._root)
-        return self._scene_graph.get_query_output_port().Eval(context)
-
     def _add_hulls(self, body: RigidBody) -> list[GeometryId]:
         """Gives a body the hulls of its visual geometry as collision geometry; capsules as such."""
         inspector = self._scene_graph.model_inspector()
@@ -171,7 +166,7 @@ class ReferenceRobot:
             shape, X_BV = inspector.GetShape(visual), inspector.GetPoseInFrame(visual)
             pieces = [shape] if isinstance(shape, Capsule) else []
             if isinstance(shape, Mesh):
-                pieces = [_convex(piece) for piece in slices(shape, SLICES.get(body.name(), 1))]
+                pieces = slices(shape, SLICES.get(body.name(), 1))
             for piece in pieces:
                 name = f"hull {len(hulls)} of {inspector.GetName(visual)}"
                 given = body, X_BV, piece, name, ProximityProperties()
@@ -198,7 +193,7 @@ class ReferenceRobot:
         return np.array(pairs)
 
 
-def slices(shape: Mesh, n: int) -> list[trimesh.Trimesh]:
+def slices(shape: Mesh, n: int) -> list[Convex]:
     """Convex hulls of ``n`` slices of a mesh; together they hold all its triangles."""
     mesh = trimesh.load_mesh(shape.source().path(), process=False)
     if shape.extension() == ".gltf":
@@ -206,17 +201,14 @@ def slices(shape: Mesh, n: int) -> list[trimesh.Trimesh]:
     mesh.apply_scale(shape.scale3())
     points, edges = mesh.vertices, mesh.vertices[mesh.edges_unique]
     low, high = mesh.bounds[:, 2]
-    cuts = np.linspace(low, high, n + 1)
     found = []
-    for bottom, top in pairwise(cuts):
+    for bottom, top in pairwise(np.linspace(low, high, n + 1)):
         inside = points[(points[:, 2] >= bottom) & (points[:, 2] <= top)]
-        found.append(np.concatenate([inside, _crossing(edges, bottom), _crossing(edges, top)]))
-    return [trimesh.convex.convex_hull(piece) for piece in found]
-
-
-def _convex(piece: trimesh.Trimesh) -> Convex:
-    text = trimesh.exchange.obj.export_obj(piece, header=None, include_normals=False)
-    return Convex(InMemoryMesh(mesh_file=MemoryFile(text.encode(), ".obj", "slice")))
+        piece = np.concatenate([inside, _crossing(edges, bottom), _crossing(edges, top)])
+        hull = trimesh.convex.convex_hull(piece)
+        text = trimesh.exchange.obj.export_obj(hull, header=None, include_normals=False)
+        found.append(Convex(InMemoryMesh(mesh_file=MemoryFile(text.encode(), ".obj", "slice"))))
+    return found
 
 
 def _crossing(edges: Array, height: float) -> Array:

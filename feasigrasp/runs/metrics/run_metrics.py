@@ -143,7 +143,9 @@ def summarize(
     if obstacle_distance is not None and len(obstacle_distance):
         nearest = float(np.min(obstacle_distance))
         result["obstacle_distance_min_mm"] = 1e3 * nearest if math.isfinite(nearest) else None
-    result |= _age_metrics(x["view_age"][approach & (x["reachable_grasps"] > 0)])
+    ages = x["view_age"][approach & (x["reachable_grasps"] > 0)]
+    if len(ages := ages[np.isfinite(ages)]):
+        result |= {"grasp_age_s_mean": float(ages.mean()), "grasp_age_s_max": float(ages.max())}
     displaced: dict[str, float | None] = {}
     if truth is not None:
         X_WO = se3.make_pose(se3.so3_exp(_vector(x, "r_WO")), p_WO)
@@ -166,13 +168,6 @@ def summarize(
 def not_held(cause: Cause) -> dict[str, Value]:
     """Metrics of an object that was not held."""
     return {"grasp_held": False, "held_after_s": None, "cause": str(cause)}
-
-
-def _age_metrics(ages: Array) -> dict[str, Value]:
-    ages = ages[np.isfinite(ages)]
-    if len(ages) == 0:
-        return {}
-    return {"grasp_age_s_mean": float(ages.mean()), "grasp_age_s_max": float(ages.max())}
 
 
 def _vector(x: dict[str, Array], name: str) -> Array:

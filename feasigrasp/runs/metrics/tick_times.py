@@ -41,28 +41,23 @@ class TickTimes:
         }
 
 
-def times_of(controller: GraspController, name: str, clock: Callable[[], float]) -> list[float]:
-    """A list that gets how long every call of a controller's method takes from now on [s]."""
-    times: list[float] = []
-    method: Callable[..., Any] = getattr(controller, name)
+def _both(controller: LeafSystem, name: str) -> tuple[list[float], list[float]]:
+    """Wall times and processor times of every call of a method from now on [s]."""
+    wall: list[float] = []
+    cpu: list[float] = []
+    method: Callable[..., Any] = getattr(controller, name, lambda: None)
 
     def timed(*args: Any) -> Any:
-        start = clock()
+        start, cpu_start = time.perf_counter(), time.thread_time()
         try:
             return method(*args)
         finally:
-            times.append(clock() - start)
+            cpu.append(time.thread_time() - cpu_start)
+            wall.append(time.perf_counter() - start)
 
-    setattr(controller, name, timed)
-    return times
-
-
-def _both(controller: LeafSystem, name: str) -> tuple[list[float], list[float]]:
-    """Wall times and processor times of every call of a method from now on."""
-    if not isinstance(controller, GraspController):
-        return [], []
-    cpu = times_of(controller, name, time.thread_time)
-    return times_of(controller, name, time.perf_counter), cpu
+    if isinstance(controller, GraspController):
+        setattr(controller, name, timed)
+    return wall, cpu
 
 
 def _quantile(times: list[float], share: float) -> float | None:

@@ -2,11 +2,12 @@
 
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
 from matplotlib.figure import Figure
 from pydrake.geometry import Rgba
 from pydrake.math import RigidTransform, RotationMatrix
@@ -46,17 +47,14 @@ def dense_surface(gpdf: Gpdf, across: int = 90) -> SurfacePoints:
     covered; ``across`` points are along the longest side of the measured cloud.
     """
     spacing = float(np.ptp(gpdf.bounds, axis=0).max()) / across
-    # Points of the first, uneven sample are projected from a grid of this many points per side.
-    grown = gpdf.surface(16)
+    grown = gpdf.surface(16)  # first, uneven sample from a grid of 16 points per side
     first = _one_per_voxel(grown.points, spacing)
     points, normals = new, new_normals = grown.points[first], grown.normals[first]
-    # Times that the sample grows by the neighbours of what was new.
-    for _ in range(5):
+    for _ in range(5):  # times that the sample grows by the neighbours of what was new
         tangents = perpendiculars(new_normals)
         beside = [new + spacing * sign * t for t in tangents for sign in (1.5, -1.5)]
         _, ends, end_normals = gpdf.refine(np.concatenate(beside), steps=4)
-        # A point is on the surface if the raw distance is less [m].
-        kept = np.abs(gpdf.distance(ends)) < 5e-4
+        kept = np.abs(gpdf.distance(ends)) < 5e-4  # on the surface, by the raw distance [m]
         all_points = np.concatenate([points, ends[kept]])
         all_normals = np.concatenate([normals, end_normals[kept]])
         first = _one_per_voxel(all_points, spacing)
@@ -73,8 +71,7 @@ def _one_per_voxel(points: Array, size: float) -> Indices:
 
 #: Everything is drawn below this Meshcat path; its children can be switched off by hand.
 _ROOT = "/perception"
-#: Colours of grasps and cloud. Source: layout.
-_GRASP_COLOR, _CLOUD_COLOR = Rgba(0.06, 0.65, 0.25), np.array([[40], [50], [65]], dtype=np.uint8)
+GRASP_COLOR = "#10a040"
 
 
 def write_perception_html(perception: Perception, filename: Path) -> None:
@@ -93,12 +90,11 @@ def write_perception_html(perception: Perception, filename: Path) -> None:
     points = perception.cloud.points
     cloud = PointCloud(len(points), Fields(BaseField.kXYZs | BaseField.kRGBs))
     cloud.mutable_xyzs()[:] = points.T
-    cloud.mutable_rgbs()[:] = _CLOUD_COLOR
+    cloud.mutable_rgbs()[:] = np.array([[40], [50], [65]], dtype=np.uint8)
     meshcat.SetObject(f"{_ROOT}/cloud", cloud, point_size=0.0015)
 
     surface = dense_surface(perception.gpdf)
-    # Radius of the discs that stand for the completed surface [m].
-    vertices, faces = disc(0.0022)
+    vertices, faces = disc(0.0022)  # radius of the discs that stand for the surface [m]
     colors = np.repeat(uncertainty_colors(perception.gpdf, surface), len(vertices), axis=0)
     frames = frames_along(surface.points, surface.normals)
     vertices, faces = place_copies(frames, vertices, faces)
@@ -107,7 +103,7 @@ def write_perception_html(perception: Perception, filename: Path) -> None:
     X_OG = shown_grasps(perception)
     if len(X_OG) > 0:
         vertices, faces = place_copies(X_OG, *gripper_glyph(perception.gripper))
-        meshcat.SetTriangleMesh(f"{_ROOT}/grasps", vertices.T, faces.T, _GRASP_COLOR)
+        meshcat.SetTriangleMesh(f"{_ROOT}/grasps", vertices.T, faces.T, Rgba(*to_rgb(GRASP_COLOR)))
 
     for k, line in enumerate(table_lines(perception)):
         meshcat.SetLine(f"{_ROOT}/table/{k}", line.T, 2.0, Rgba(0.5, 0.45, 0.4))
@@ -125,9 +121,6 @@ UNCERTAINTY_COLORS = LinearSegmentedColormap.from_list(
 )
 #: Distance from the observed surface at which the colors end [m]. Source: layout.
 MOST_UNCERTAIN = 0.03
-#: Grasps shown. Source: layout.
-MAX_SHOWN = 12
-GRASP_COLOR = "#10a040"
 
 
 def upward(perception: Perception) -> Array:
@@ -156,27 +149,25 @@ def uncertainty_colors(gpdf: Gpdf, surface: SurfacePoints) -> Array:
 
 
 def shown_grasps(perception: Perception) -> Array:
-    """The best grasp and others unlike it, shape (k, 4, 4)."""
+    """The best grasp and 11 others unlike it at most, shape (k, 4, 4)."""
     grasps = perception.grasps
-    return grasps.X_OG[spread_order(grasps.X_OG, grasps.score)[:MAX_SHOWN]]
+    return grasps.X_OG[spread_order(grasps.X_OG, grasps.score)[:12]]
 
 
 def table_lines(perception: Perception) -> Array:
     """A grid on the table under the object, shape (k, 2, 3) [m]; empty without a table."""
-    # Lines each way; their length over the size of the object.
-    count, reach = 7, 1.6
     plane, points = perception.gpdf.table, perception.gpdf.completion.points
     if plane is None or len(points) == 0:
         return np.zeros((0, 2, 3))
     middle = points.mean(axis=0)
     middle = middle - (middle @ plane[:3] + plane[3]) * plane[:3]
-    half = 0.5 * reach * float(np.ptp(points, axis=0).max())
+    half = 0.8 * float(np.ptp(points, axis=0).max())
     x, y = perpendiculars(plane[:3])
     return np.array(
         [
             middle + half * np.array([share * a - b, share * a + b])
             for a, b in ((x, y), (y, x))
-            for share in np.linspace(-1.0, 1.0, count)
+            for share in np.linspace(-1.0, 1.0, 7)
         ]
     )
 
@@ -194,8 +185,7 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
 
     With the cloud come the axes of its frame, with the grasps those of the best one.
     """
-    # Diameter of the dots of a surface [points], wide enough to close it.
-    dot = 5.5
+    dot = 5.5  # diameter of the dots of a surface [points], wide enough to close it
     figure = Figure(figsize=(14.0, 4.6))
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 4)
@@ -214,19 +204,16 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
     draw_axes(axes[0], front, X, size)
     whose = "camera" if in_camera(perception) else "cloud"
     axes[0].set_title(f"measured: {count} points; axes of the {whose}", fontsize=10)
+    given: dict[str, Any] = {"size": dot, "normals": surface.normals}
     for ax, viewer, side in ((axes[1], front, "camera's side"), (axes[2], behind, "from behind")):
-        draw_points(ax, viewer, surface.points, colors, size=dot, normals=surface.normals)
+        draw_points(ax, viewer, surface.points, colors, **given)
         ax.set_title(f"completed, {side}")
     table = table_lines(perception)
     for ax, viewer in zip(axes, (front, front, behind, front), strict=True):
         draw_lines(ax, viewer, table, "#8a7a68", alpha=0.5, order=0)
-    for ax, viewer in zip(axes[:3], (front, front, behind), strict=True):
         frame(ax, viewer, everything)
-        scale_bar(ax)
 
-    draw_points(
-        axes[3], front, surface.points, (0.72, 0.74, 0.78), size=dot, normals=surface.normals
-    )
+    draw_points(axes[3], front, surface.points, (0.72, 0.74, 0.78), **given)
     X_OG, hand = shown_grasps(perception), gripper_outline(perception.gripper)
     lines = np.einsum("nij,kj->nki", X_OG[:, :3, :3], hand) + X_OG[:, None, :3, 3]
     draw_lines(axes[3], front, lines, GRASP_COLOR, alpha=0.8)
@@ -235,7 +222,8 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
     shown = f"{len(perception.grasps)} grasps, {len(X_OG)} shown; x closes, z approaches"
     axes[3].set_title(shown, fontsize=10)
     frame(axes[3], front, np.concatenate([everything, lines.reshape(-1, 3)]))
-    scale_bar(axes[3])
+    for ax in axes:
+        scale_bar(ax)
 
     scale = ScalarMappable(Normalize(0.0, 1e3 * MOST_UNCERTAIN), UNCERTAINTY_COLORS)
     place = figure.add_axes((0.375, 0.075, 0.25, 0.022))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -82,17 +81,15 @@ def draw_lines(
     ax: Axes,
     viewer: Viewer,
     lines: ArrayLike,
-    color: Any,
+    color: str,
     *,
     width: float = 1.2,
     alpha: float = 1.0,
     order: int = 3,
 ) -> None:
-    """Draws polylines, shape (n, k, 3) [m], in one color or in one for each."""
-    seen = viewer.project(lines)[..., :2]
-    ax.add_collection(
-        LineCollection(list(seen), colors=color, linewidths=width, alpha=alpha, zorder=order)
-    )
+    """Draws polylines, shape (n, k, 3) [m], in one color."""
+    seen = list(viewer.project(lines)[..., :2])
+    ax.add_collection(LineCollection(seen, color=color, lw=width, alpha=alpha, zorder=order))
 
 
 def draw_axes(ax: Axes, viewer: Viewer, X: ArrayLike, length: float) -> None:
@@ -105,21 +102,20 @@ def draw_axes(ax: Axes, viewer: Viewer, X: ArrayLike, length: float) -> None:
         ax.text(x, y, "xyz"[k], color=color, ha="center", va="center")
 
 
-def frame(ax: Axes, viewer: Viewer, points: ArrayLike, margin: float = 0.08) -> None:
-    """Fits the picture to points (n, 3), with equal scales and without axes."""
+def frame(ax: Axes, viewer: Viewer, points: ArrayLike) -> None:
+    """Fits the picture to points (n, 3), with equal scales, a margin of 8 %, and without axes."""
     seen = viewer.project(points)[:, :2]
     middle, half = (seen.min(axis=0) + seen.max(axis=0)) / 2, np.ptp(seen, axis=0).max() / 2
-    half *= 1.0 + margin
+    half *= 1.08
     ax.set_xlim(middle[0] - half, middle[0] + half)
     ax.set_ylim(middle[1] - half, middle[1] + half)
     ax.set_aspect("equal")
     ax.axis("off")
 
 
-def scale_bar(ax: Axes, length: float = 0.05) -> None:
-    """Draws a bar of some length [m] into the lower left corner."""
+def scale_bar(ax: Axes) -> None:
+    """Draws a bar of 5 cm into the lower left corner."""
     x, y = ax.get_xlim(), ax.get_ylim()
     left, low = x[0] + 0.04 * (x[1] - x[0]), y[0] + 0.04 * (y[1] - y[0])
-    ax.plot([left, left + length], [low, low], color="0.3", lw=2, solid_capstyle="butt", zorder=4)
-    label = f"{100 * length:g} cm"
-    ax.text(left, low + 0.015 * (y[1] - y[0]), label, color="0.3", fontsize=8, zorder=4)
+    ax.plot([left, left + 0.05], [low, low], color="0.3", lw=2, solid_capstyle="butt", zorder=4)
+    ax.text(left, low + 0.015 * (y[1] - y[0]), "5 cm", color="0.3", fontsize=8, zorder=4)

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.objects.rigid_object import RigidObject
 
 
@@ -36,6 +37,12 @@ def add_box(parser: argparse.ArgumentParser, use: str) -> None:
     """Adds the option for a box in an image, and what it is used for."""
     sides = ("LEFT", "TOP", "RIGHT", "BOTTOM")
     parser.add_argument("--box", type=int, nargs=4, metavar=sides, help=use)
+
+
+def add_sampler(parser: argparse.ArgumentParser) -> None:
+    """Adds the option for the sampler of the grasps."""
+    names, usual = sampler_names(), SamplerName.NETWORK
+    parser.add_argument("--sampler", choices=names, default=usual, help="Sampler of the grasps.")
 
 
 def output(*ends: str) -> Callable[[str], Path]:

@@ -13,18 +13,11 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.outputs import replacing, write_text
 
-FORMAT = "feasigrasp-grasps-1"
 #: The frames that poses may be in; what the file says of them.
 FRAMES = {
     "camera": "origin in the camera, x right, y down, z forward",
     "cloud": "the frame of the points in the source file",
 }
-CONVENTION = (
-    "a pose is the 4 x 4 matrix that takes points from the grasp's frame to this frame; the "
-    "grasp's frame: origin between the pads, x the direction in which they close, z the direction "
-    "in which the hand approaches, y = z cross x; a width is the distance between the contacts; "
-    "metres; best score first"
-)
 
 
 def write_grasps(file: Path, grasps: GraspSet, frame: str, source: Path) -> None:
@@ -39,12 +32,15 @@ def write_grasps(file: Path, grasps: GraspSet, frame: str, source: Path) -> None
     """
     order = np.argsort(-grasps.score, kind="stable")
     content = {
-        "format": FORMAT,
+        "format": "feasigrasp-grasps-1",
         "feasigrasp": __version__,
         "source": str(source),
         "frame": frame,
         "frame_axes": FRAMES[frame],
-        "convention": CONVENTION,
+        "convention": "a pose is the 4 x 4 matrix that takes points from the grasp's frame to this "
+        "frame; the grasp's frame: origin between the pads, x the direction in which they close, z "
+        "the direction in which the hand approaches, y = z cross x; a width is the distance "
+        "between the contacts; metres; best score first",
         "poses": grasps.X_OG[order].round(6).tolist(),
         "widths": grasps.width[order].round(6).tolist(),
         "scores": grasps.score[order].round(6).tolist(),

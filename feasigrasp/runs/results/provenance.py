@@ -5,6 +5,7 @@ import importlib.util
 import os
 import platform
 import subprocess
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -32,27 +33,22 @@ def own_files(scenario: Scenario) -> dict[str, str]:
         files[f"cell.meshes.{name}"] = Path(mesh.file)
     for key, part in scenario.parts.items():
         files[f"parts.{key}"] = _module(part.name.partition(":")[0])
-    return {key: _digest(file, *_state(file)) for key, file in files.items() if file.is_file()}
+    states = {key: file.stat() for key, file in files.items() if file.is_file()}
+    return {key: _digest(files[key], s.st_mtime_ns, s.st_size) for key, s in states.items()}
 
 
 def _mesh(model: str) -> Path:
-    try:
+    with suppress(MeshError):
         return Path() if model in builtin_objects() else object_file(model)
-    except MeshError:
-        return Path()
+    return Path()
 
 
 def _module(name: str) -> Path:
-    try:
+    with suppress(ImportError, ValueError):
         spec = importlib.util.find_spec(name)
-    except (ImportError, ValueError):
-        spec = None
-    return Path(spec.origin) if spec is not None and spec.origin else Path()
-
-
-def _state(file: Path) -> tuple[int, int]:
-    status = os.stat(file)
-    return status.st_mtime_ns, status.st_size
+        if spec is not None and spec.origin:
+            return Path(spec.origin)
+    return Path()
 
 
 @cache
@@ -61,17 +57,12 @@ def _digest(file: Path, *_state: int) -> str:
         return hashlib.file_digest(content, "sha256").hexdigest()
 
 
-_PACKAGES = ("feasigrasp", "drake", "numpy", "scipy", "numba", "torch")
-
-
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that decide a result."""
     found = {"python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
+    for package in ("feasigrasp", "drake", "numpy", "scipy", "numba", "torch"):
+        with suppress(PackageNotFoundError):
             found[package] = version(package)
-        except PackageNotFoundError:
-            continue
     return found
 
 

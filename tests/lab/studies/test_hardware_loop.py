@@ -14,6 +14,7 @@ from drake import lcmt_iiwa_command, lcmt_iiwa_status, lcmt_image, lcmt_image_ar
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
+from feasigrasp.runs.console import StatusLine
 from feasigrasp.runs.hardware import cell as cell_module
 from feasigrasp.runs.hardware.cell import ReceivedCommands
 from feasigrasp.scenario.schema import Scenario
@@ -313,7 +314,7 @@ def test_a_guard_alone_is_no_controller():
     )
     diagram = SimpleNamespace(GetSubsystemByName=lambda name: handover)
     ends = []
-    monitor = cell_module._Monitor(diagram, scenario, received, lambda: False, None, rate=1e6)
+    monitor = cell_module._Monitor(diagram, scenario, received, lambda: False, StatusLine(), 1e6)
     monitor._end = lambda error: ends.append((now.time, error))
     for k in range(1, 2000):
         now.time = 0.005 * k
@@ -330,7 +331,7 @@ def test_a_guard_alone_is_no_controller():
 def test_a_status_that_was_sent_late_leaves_time_for_its_answer(monkeypatch):
     clock, cell = Clock(), SimpleNamespace(GetSubsystemByName=lambda name: None)
     monkeypatch.setattr(cell_module, "time", clock)
-    monitor = cell_module._Monitor(cell, Scenario(), None, None, None, rate=0.5)
+    monitor = cell_module._Monitor(cell, Scenario(), None, None, StatusLine(), 0.5)
     sent, period = [], channels.IIWA_PERIOD / 0.5
     for k, work in enumerate([0.0, 1e-3, 1e-3, 2.5 * period, 1e-3, 1e-3], start=1):
         clock.now += work  # the simulation's, before the status of this tick is sent

@@ -19,6 +19,7 @@ from pydrake.lcm import DrakeLcm
 
 from feasigrasp.cli import main
 from feasigrasp.errors import HardwareError
+from feasigrasp.runs.console import StatusLine
 from feasigrasp.runs.hardware import control
 from feasigrasp.runs.hardware.control import WAIT_FOR_GUARD, _Commands, run_hardware
 from feasigrasp.scenario import load_scenario
@@ -269,7 +270,8 @@ def the_run(kept):
     """A run on a bus without a driver; kept gets its record."""
     text = "{perception: {execution: inline}, grasp: {close: false}}"
     scenario = load_scenario("ReachLinearMocap", text)
-    return run_hardware(scenario, "", lcm_url="memq://", own_guard=False, keep=kept.append)
+    shown = StatusLine()
+    return run_hardware(scenario, "", "memq://", False, log=True, keep=kept.append, line=shown)
 
 
 def test_what_breaks_a_run_off_is_in_its_record_and_leaves_the_log(monkeypatch):
