@@ -89,26 +89,20 @@ class Metrics(LeafSystem):
         if grasps is not None and len(grasps) > 0:
             errors = grasp_errors(grasps.X_OG, inverse_kernel(X_WO) @ X_WH)
             nearest = errors[np.argmin(errors[:, 0] + 0.1 * errors[:, 1])]
-        p_HB = inverse_kernel(X_BH)[:3, 3]
-        view_time = scalar(self._view_time, context, np.nan)
+        counts = [np.nan if each is None else len(each) for each in (sampled, grasps)]
+        view_age = context.get_time() - scalar(self._view_time, context, np.nan)
         return np.concatenate(
             [
                 arm_condition_kernel(self._arm.chain, q, v),
                 nearest,
-                p_HB,
+                inverse_kernel(X_BH)[:3, 3],
                 so3_log_kernel(np.ascontiguousarray(X_BH[:3, :3])),
                 X_WB[:3, 3],
                 so3_log_kernel(np.ascontiguousarray(X_WB[:3, :3])),
                 self._phase.Eval(context),
-                [_count(sampled), _count(grasps), context.get_time() - view_time],
-                [np.linalg.norm(p_WO - X_WO[:3, 3])],
+                [*counts, view_age, np.linalg.norm(p_WO - X_WO[:3, 3])],
             ]
         )
-
-
-def _count(grasps: GraspSet | None) -> float:
-    """Number of grasps; NaN if unconnected."""
-    return np.nan if grasps is None else float(len(grasps))
 
 
 class TrueFrame(LeafSystem):

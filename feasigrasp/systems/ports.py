@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from enum import Enum
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
+    BasicVector,
     CacheEntry,
     Context,
     DependencyTicket,
@@ -28,6 +28,8 @@ from feasigrasp.models.arguments import Check, check_of
 from feasigrasp.models.quantities import Call, Refusal
 
 Calc = Callable[[Context], Any]
+#: What an output or a cache entry can depend on.
+Source: TypeAlias = "InputPort | ObjectInput | Cached | ObjectState | DependencyTicket"
 _System = TypeVar("_System", bound=System)
 
 
@@ -68,7 +70,6 @@ class ObjectInput:
     """
 
     def __init__(self, port: InputPort, check: Check) -> None:
-        """The port, and what its values have to pass."""
         self._port, self._check = port, check
 
     def Eval(self, context: Context) -> Any:
@@ -80,10 +81,8 @@ class ObjectInput:
         try:
             return self._check(_read(self._port.Eval(context)), Call())
         except Refusal as refusal:
-            system = type(self._port.get_system()).__name__
-            raise ArgumentError(
-                f"input port {self._port.get_name()} of {system} {refusal}"
-            ) from None
+            port = f"{self._port.get_name()} of {type(self._port.get_system()).__name__}"
+            raise ArgumentError(f"input port {port} {refusal}") from None
 
     def HasValue(self, context: Context) -> bool:
         """Whether something is connected to it."""
@@ -114,7 +113,7 @@ def declare_output(
     system: LeafSystem,
     name: str,
     calc: Calc,
-    prerequisites: set[DependencyTicket] | None = None,
+    prerequisites: Collection[Source] = (),
     *,
     model: Any = None,
     size: int | None = None,
@@ -124,27 +123,29 @@ def declare_output(
     With a ``size`` it is a vector of that length. Without ``prerequisites`` it depends on
     everything.
     """
-    tickets = prerequisites or {system.all_sources_ticket()}
+    tickets = _tickets(prerequisites) or {system.all_sources_ticket()}
     if size is not None:
-        numbers = _kept_by(system, lambda context, to: to.SetFromVector(_numbers(calc(context))))
-        return system.DeclareVectorOutputPort(name, size, numbers, tickets)
+
+        def numbers(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(np.ravel(np.asarray(calc(context), dtype=float)))
+
+        return system.DeclareVectorOutputPort(name, size, _kept_by(system, numbers), tickets)
     setting = _kept_by(system, _setting(calc))
     return system.DeclareAbstractOutputPort(name, to_value(model).Clone, setting, tickets)
 
 
 def declare_cache(
-    system: LeafSystem, name: str, calc: Calc, prerequisites: set[DependencyTicket]
+    system: LeafSystem, name: str, calc: Calc, prerequisites: Collection[Source]
 ) -> Cached:
     """A cache entry with the Python object that ``calc`` returns."""
     producer = ValueProducer(to_value(None).Clone, _kept_by(system, _setting(calc)))
-    return Cached(system, system.DeclareCacheEntry(name, producer, prerequisites))
+    return Cached(system, system.DeclareCacheEntry(name, producer, _tickets(prerequisites)))
 
 
 class Cached:
     """A cache entry of a system, which it does not keep alive as Drake's own handle does."""
 
     def __init__(self, system: LeafSystem, entry: CacheEntry) -> None:
-        """The entry that was declared."""
         self._system, self._index = weakref.ref(system), entry.cache_index()
         self._ticket = entry.ticket()
 
@@ -162,11 +163,10 @@ class Cached:
 class ObjectState:
     """A Python object that is state of a system.
 
-    It is read as ports are, by ``Eval``, and is a prerequisite of others by its ``ticket``.
+    It is read as ports are, by ``Eval``, and a prerequisite of others as they are.
     """
 
     def __init__(self, system: LeafSystem, initial: Any) -> None:
-        """Declares the state."""
         index = system.DeclareAbstractState(to_value(initial))
         self._index, self._ticket = int(index), system.abstract_state_ticket(index)
 
@@ -229,8 +229,8 @@ def _setting(calc: Calc) -> Callable[[Context, AbstractValue], None]:
     return lambda context, value: value.set_value(_stored(calc(context)))
 
 
-def _numbers(value: Any) -> NDArray[np.float64]:
-    return np.ravel(np.asarray(value, dtype=float))
+def _tickets(sources: Collection[Source]) -> set[DependencyTicket]:
+    return {s if isinstance(s, DependencyTicket) else s.ticket() for s in sources}
 
 
 def _stored(value: Any) -> Any:
