@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
-from pydrake.systems.framework import Context, DependencyTicket, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arguments import checked
-from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
 from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.fusion import FusedCloud
@@ -23,8 +22,8 @@ from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.quantities import Bound, Count, Positive, Whole
 from feasigrasp.models.shape.completion import DEFAULT, complete_shape
-from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.grids import object_grid
+from feasigrasp.models.tracking.sequence import LearntShape
 from feasigrasp.scenario.schema import PerceptionConfig
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional, scalar
 
@@ -40,30 +39,19 @@ _View = tuple[Array, Array, Outline | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Perceived(Frozen):
-    """State of perception.
+class Perceived(LearntShape):
+    """State of perception: the shape merged from the views, and what is wrong with them.
+
+    A view that does not show the object is no fault.
 
     Attributes:
-        cloud: The merged views, in the object frame O.
-        gpdf: The field fitted to them, in O; None until the object was seen.
-        views: From where it has been seen.
-        looked: Time of the last view, merged or not [s].
         contradicted: Whether the last look contradicts the earlier views: then the tracked pose is
             wrong, or another object is seen. The view was not merged.
-        outliers: Points of the merged views that were dropped as outliers.
-        faults: How many views could not be used, by `ViewFault`. A view that does not show the
-            object is none.
         last_fault: What was wrong with the last look, and with what figures; empty if nothing was.
         rival: The views since then that contradict the earlier ones, and not each other.
     """
 
-    cloud: FusedCloud
-    gpdf: Gpdf | None
-    views: ViewRecord = field(default_factory=ViewRecord)
-    looked: float = -np.inf
     contradicted: bool = False
-    outliers: int = 0
-    faults: Counter[ViewFault] = field(default_factory=Counter)
     last_fault: str = ""
     rival: FusedCloud | None = None
 
@@ -73,24 +61,23 @@ class Perceived(Frozen):
         return replace(self, faults=self.faults + Counter([fault]), last_fault=text)
 
 
-def declare_perceived(
-    system: LeafSystem, perceived: Callable[[Context], Perceived], state: set[DependencyTicket]
-) -> None:
+def declare_perceived(system: LeafSystem, state: PeriodicState) -> None:
     """The output ports ``gpdf``, ``perceived``, ``view_time`` and ``view_faults`` of a perception.
 
-    See `PointCloudToGPDF` for what they are; ``perceived`` depends on ``state``.
+    See `PointCloudToGPDF` for what they are; the ``state`` is a `Perceived`.
     """
 
     def view_time(context: Context) -> float:
-        times = perceived(context).views.times
+        times = state.Eval(context).views.times
         return times[-1] if len(times) else np.nan
 
-    declare_output(system, "gpdf", lambda context: perceived(context).gpdf, state)
-    declare_output(system, "perceived", perceived, state)
-    declare_output(system, "view_time", view_time, state, size=1)
-    declare_output(
-        system, "view_faults", lambda context: perceived(context).faults.total(), state, size=1
-    )
+    def view_faults(context: Context) -> int:
+        return state.Eval(context).faults.total()
+
+    declare_output(system, "gpdf", lambda context: state.Eval(context).gpdf, {state})
+    declare_output(system, "perceived", state.Eval, {state})
+    declare_output(system, "view_time", view_time, {state}, size=1)
+    declare_output(system, "view_faults", view_faults, {state}, size=1)
 
 
 class PointCloudToGPDF(LeafSystem):
@@ -172,10 +159,10 @@ class PointCloudToGPDF(LeafSystem):
         self._image_time = self.DeclareVectorInputPort("image_time", 1)
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
-        self._tracking = declare_input(self, "tracking", Tracking.of_age(0.0, np.inf))
+        self._tracking = declare_input(self, "tracking", kind=Tracking)
         self._outline = declare_input(self, "outline", kind=Outline | None)
-        self._seen = PeriodicState(self, Perceived(nothing, None), period, self._look)
-        declare_perceived(self, self._seen.Eval, {self._seen.ticket()})
+        self._seen = PeriodicState(self, Perceived(nothing), period, self._look)
+        declare_perceived(self, self._seen)
 
     def _look(self, context: Context) -> Perceived:
         seen: Perceived = self._seen.Eval(context)

@@ -9,6 +9,8 @@ from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import (
     BasicVector,
     CacheEntry,
@@ -25,6 +27,7 @@ from pydrake.systems.framework import (
 
 from feasigrasp.errors import ArgumentError
 from feasigrasp.models.arguments import Check, check_of
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.quantities import Call, Refusal
 
 Calc = Callable[[Context], Any]
@@ -61,6 +64,11 @@ def optional(port: InputPort | ObjectInput, context: Context) -> Any:
 def scalar(port: InputPort, context: Context, default: float) -> float:
     """The number at an input port (V1); ``default`` if nothing is connected to it."""
     return float(port.Eval(context)[0]) if port.HasValue(context) else default
+
+
+def same_value(a: Any, b: Any) -> bool:
+    """Whether two values of a port are the same object, or equal vectors."""
+    return a is b or (isinstance(a, np.ndarray) and np.array_equal(a, b, equal_nan=True))
 
 
 class ObjectInput:
@@ -132,6 +140,21 @@ def declare_output(
         return system.DeclareVectorOutputPort(name, size, _kept_by(system, numbers), tickets)
     setting = _kept_by(system, _setting(calc))
     return system.DeclareAbstractOutputPort(name, to_value(model).Clone, setting, tickets)
+
+
+def declare_pose_and_velocity(
+    system: LeafSystem, calc: Callable[[Context], tuple[Array, Array]], inputs: Collection[Source]
+) -> None:
+    """The output ports ``object_pose`` and ``object_velocity``, of X_WO (4, 4) and V_WO (6,)."""
+
+    def pose(context: Context) -> RigidTransform:
+        return RigidTransform(calc(context)[0])
+
+    def velocity(context: Context) -> SpatialVelocity:
+        return SpatialVelocity(calc(context)[1])
+
+    declare_output(system, "object_pose", pose, inputs, model=RigidTransform())
+    declare_output(system, "object_velocity", velocity, inputs, model=SpatialVelocity.Zero())
 
 
 def declare_cache(

@@ -216,7 +216,7 @@ class LateField(LeafSystem):
         self._fault = fault
         self._input = declare_input(self, "gpdf")
         self._post = PeriodicState(self, _Post(), period, self._deliver)
-        declare_output(self, "gpdf", self._calc, {self._input.ticket(), self._post.ticket()})
+        declare_output(self, "gpdf", self._calc, {self._input, self._post})
 
     def _deliver(self, context: Context) -> _Post:
         time, gpdf = context.get_time(), evaluate(self._input, context)

@@ -67,7 +67,7 @@ class SuctionSeal(LeafSystem):
         self._twists = declare_input(self, "body_velocities", [SpatialVelocity.Zero()])
         self._carried = declare_input(self, "carried", [ExternallyAppliedSpatialForce()])
         self._seal = PeriodicState(self, _Seal(), step, self._advance)
-        declare_output(self, "state", self._calc_state, {self._seal.ticket()}, size=2)
+        declare_output(self, "state", self._calc_state, {self._seal}, size=2)
         model = [ExternallyAppliedSpatialForce()]
         declare_output(self, "spatial_force", self._calc, model=model)
 
