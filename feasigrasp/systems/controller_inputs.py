@@ -27,7 +27,6 @@ class ControllerInputs:
     __slots__ = ("_context", "_controller")
 
     def __init__(self, controller: Any, context: Context) -> None:
-        """The inputs of a controller in a context."""
         self._controller, self._context = controller, context
 
     @property

@@ -61,7 +61,6 @@ class Metrics(LeafSystem):
 
     @checked()
     def __init__(self, gripper: Gripper, arm: Arm = IIWA_7) -> None:
-        """Metrics for an arm that carries ``gripper``."""
         super().__init__()
         self._gripper, self._arm = gripper, arm
         self._state = self.DeclareVectorInputPort("state", 2 * arm.joints)

@@ -54,7 +54,6 @@ class ObjectTracker(LeafSystem):
 
     @checked()
     def __init__(self, config: TrackerConfig | None = None) -> None:
-        """A tracker as ``config`` describes it."""
         super().__init__()
         self._config = config = config or TrackerConfig()
         self._noise = Noise(

@@ -200,7 +200,6 @@ class ObjectPoseSender(LeafSystem):
     """
 
     def __init__(self, config: TrackerConfig) -> None:
-        """A system as ``config`` describes it."""
         super().__init__()
         self._config = config
         self._pose = declare_input(self, "pose", RigidTransform())
@@ -236,7 +235,6 @@ class ObjectPoseReceiver(LeafSystem):
     """
 
     def __init__(self) -> None:
-        """A receiver of one object's pose."""
         super().__init__()
         self._message = self.DeclareAbstractInputPort("message", Value(lcmt_robot_state()))
         declare_output(self, "pose", self._calc_pose, {self._message}, model=RigidTransform())

@@ -62,7 +62,6 @@ class SimulatedIiwaDriver(LeafSystem):
     """
 
     def __init__(self, arm: Arm = IIWA_7) -> None:
-        """A driver with the period of the iiwa's."""
         super().__init__()
         self._arm = arm
         self._position = self.DeclareVectorInputPort("position", arm.joints)
@@ -111,7 +110,6 @@ class Handover(LeafSystem):
     _LATE = 0.3
 
     def __init__(self, config: GraspSequenceConfig, gripper: Gripper) -> None:
-        """A carrier with a given duration of a grasp."""
         super().__init__()
         self._config, self._gripper = config, gripper
         self._target = self.DeclareVectorInputPort("target", 1)

@@ -33,7 +33,6 @@ class CameraPictures(LeafSystem):
     """
 
     def __init__(self, label: int) -> None:
-        """Takes pictures with the object of that label."""
         super().__init__()
         self._label = label
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))

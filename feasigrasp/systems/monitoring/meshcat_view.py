@@ -83,7 +83,6 @@ class GraspVisualizer(LeafSystem):
     MAX_REACHABLE, MAX_DROPPED = 8, 4
 
     def __init__(self, meshcat: Meshcat, gripper: Gripper) -> None:
-        """A visualizer of one object's grasps, with glyphs of the gripper."""
         super().__init__()
         self._meshcat = meshcat
         self._glyph = gripper_glyph(gripper)
@@ -199,9 +198,6 @@ def surface_colors(gpdf: Gpdf) -> Array:
 
 #: Meshcat path of everything that the station shows.
 PREFIX = "/drake/illustration"
-#: Where the camera stands and what it looks at, in the world frame [m], and its zoom. Source:
-#: layout.
-CAMERA, TARGET, ZOOM = (1.75, -1.85, 1.15), (0.36, 0.0, 0.49), 3.1
 #: Brightness of the lights; Meshcat's own wash out a white arm and leave shaded sides black.
 LIGHTS = {
     "AmbientLight": 0.9,
@@ -213,7 +209,7 @@ LIGHTS = {
 
 
 def add_scene(builder: DiagramBuilder, station: Station, meshcat: Meshcat) -> None:
-    """Adds a visualizer named ``scene`` for the geometry of a station in the builder."""
+    """Adds a visualizer named ``scene`` for the geometry of a station, and lights."""
     params = MeshcatVisualizerParams(
         role=Role.kIllustration,
         prefix=PREFIX,
@@ -225,7 +221,11 @@ def add_scene(builder: DiagramBuilder, station: Station, meshcat: Meshcat) -> No
     object_path = f"{PREFIX}/{station.object_body.scoped_name().get_full().replace('::', '/')}"
     meshcat.Delete(PREFIX)
     _make_translucent(station, object_path, meshcat)
-    set_stage(meshcat)
+    set_background(meshcat)
+    for light, intensity in LIGHTS.items():
+        meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
+    meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", 3.1)
+    meshcat.SetCameraPose(camera_in_world=[1.75, -1.85, 1.15], target_in_world=[0.36, 0.0, 0.49])
 
 
 def _make_translucent(station: Station, object_path: str, meshcat: Meshcat) -> None:
@@ -236,15 +236,6 @@ def _make_translucent(station: Station, object_path: str, meshcat: Meshcat) -> N
         # On the mesh itself: its folder's opacity belongs to MeshcatVisualizer.
         # Opacity of the object, so that what is drawn on it can be seen from all sides.
         meshcat.SetProperty(f"{path}/<object>", "modulated_opacity", 0.35)
-
-
-def set_stage(meshcat: Meshcat) -> None:
-    """Sets background, lights and camera position [m] of the cell."""
-    set_background(meshcat)
-    for light, intensity in LIGHTS.items():
-        meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
-    meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", ZOOM)
-    meshcat.SetCameraPose(CAMERA, TARGET)
 
 
 def set_background(meshcat: Meshcat) -> None:

@@ -72,7 +72,6 @@ class Served:
     """
 
     def __init__(self, stage: System) -> None:
-        """A system in its default state."""
         self._stage, self._simulator = stage, Simulator(stage)
         self._context = self._simulator.get_mutable_context()
         self._begun = False

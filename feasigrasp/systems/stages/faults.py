@@ -83,10 +83,8 @@ def faulty_cloud(fault: CloudFault, label: int, seed: int = 0) -> FaultySignal:
     def change(
         cloud: PointCloud, labels: ImageLabel16I, X_WC: RigidTransform, rng: np.random.Generator
     ) -> PointCloud:
-        on_object = labels.data.reshape(-1) == label
-        view = View(
-            cloud.xyzs().astype(float), on_object, X_WC.translation(), X_WC.rotation().col(2)
-        )
+        xyzs, on_object = cloud.xyzs().astype(float), labels.data.reshape(-1) == label
+        view = View(xyzs, on_object, X_WC.translation(), X_WC.rotation().col(2))
         faulty = PointCloud(cloud.size())
         faulty.mutable_xyzs()[:] = fault.seen(view, rng)
         return faulty
@@ -101,9 +99,8 @@ def faulty_mask(fault: MaskFault, label: int) -> FaultySignal:
     def change(image: ImageLabel16I, rng: np.random.Generator) -> ImageLabel16I:
         labels = image.data[:, :, 0]
         of_object = labels == label
+        others = np.where(of_object, 0, labels)  # what is lost has the world's label
         faulty = ImageLabel16I(image.width(), image.height())
-        # Label of a pixel that is no longer taken for the object: that of the world.
-        others = np.where(of_object, 0, labels)
         faulty.mutable_data[:, :, 0] = np.where(fault.mask(of_object), label, others)
         return faulty
 
@@ -291,9 +288,8 @@ class FaultInjection:
         """The point cloud of a camera that sees the object under ``label`` in true ``labels``."""
         for number, fault in self._of(CloudFault):
             system = faulty_cloud(fault, label, self._seed(number))
-            cloud = self._insert(
-                number, system, point_cloud=cloud, label_image=labels, camera_pose=camera_pose
-            )
+            inputs = {"point_cloud": cloud, "label_image": labels, "camera_pose": camera_pose}
+            cloud = self._insert(number, system, **inputs)
         return cloud
 
     def mask(self, labels: OutputPort, label: int) -> OutputPort:
@@ -330,9 +326,7 @@ class FaultInjection:
             fail_solver(controller, failure)
         velocity = controller.GetOutputPort("commanded_velocity")
         for number, fault in self._of(CommandFault):
-            system = faulty_command(
-                fault, controller.GetOutputPort("commanded_velocity").size(), self._seed(number)
-            )
+            system = faulty_command(fault, velocity.size(), self._seed(number))
             velocity = self._insert(number, system, velocity=velocity)
         return velocity
 

@@ -123,7 +123,6 @@ class FirstImage(LeafSystem):
     """
 
     def __init__(self, blank: Any) -> None:
-        """Images of the size and type of ``blank``."""
         super().__init__()
         self._blank = blank
         self._image = declare_input(self, "image", blank)

@@ -24,7 +24,6 @@ class JointSensors(LeafSystem):
     """
 
     def __init__(self, errors: DrawnJointErrors) -> None:
-        """The sensors of one arm."""
         super().__init__()
         self._errors, n = errors, len(errors.zero)
         self._position = self.DeclareVectorInputPort("position", n)

@@ -52,7 +52,6 @@ class DistractorBodies(LeafSystem):
     """
 
     def __init__(self, bodies: Sequence[DistractorBody], frames: Sequence[FrameId]) -> None:
-        """Moves bodies, each with its frame of the scene graph."""
         super().__init__()
         self._bodies = list(zip(bodies, frames, strict=True))
         self._let_go = self.DeclareVectorInputPort("let_go", 1)
