@@ -21,7 +21,6 @@ from feasigrasp.systems.pipeline import (
     add_control,
     add_measurement,
     add_perception,
-    add_status,
     add_tracker,
     add_visualization,
 )
@@ -174,7 +173,6 @@ def make_dynamic_grasp(
     if cell.remote and not controller and isinstance(made, GraspController):
         planner = remote_planner(scenario, cell.simulated, made.period)
     add_control(cell, reachability, made, planner)
-    add_status(cell)
     if isinstance(station, Station):
         add_measurement(cell)
     if meshcat is not None:

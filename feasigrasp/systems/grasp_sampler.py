@@ -90,8 +90,7 @@ class GraspSampler(LeafSystem):
 
     def _update(self, context: Context) -> _Sampled:
         before: _Sampled = self._before.Eval(context)
-        history: GraspHistory = self._now.Eval(context)
-        time = context.get_time()
+        history, time = self._now.Eval(context), context.get_time()
         if self._rests(before) and time >= before.time + self._rest - 1e-9:
             history = self._followed(history, evaluate(self._gpdf, context))
         return before if history is before.history else _Sampled(history, time)

@@ -127,7 +127,7 @@ class GripperSequencer(LeafSystem):
         declare_pose_and_velocity(self, self._target, target)
         declare_output(self, "object_motion", self._calc_motion, {state, time, self._motion})
         declare_output(self, "gripper_position", self._calc_gripper, {state, time}, size=1)
-        declare_output(self, "object_hold", self._calc_hold, {state}, size=1)
+        declare_output(self, "object_hold", lambda of: not self.state(of).released, {state}, size=1)
         declare_output(self, "phase", lambda context: self.state(context).phase, {state}, size=1)
         searched = {state, self._tracking}
         declare_output(self, "search_target", self._calc_search_target, searched)
@@ -233,9 +233,6 @@ class GripperSequencer(LeafSystem):
         if tracking.expected is None or tracking.age < SEARCH_AFTER:
             return None
         return SearchTarget(tracking.expected, tracking.age)
-
-    def _calc_hold(self, context: Context) -> bool:
-        return not self.state(context).released
 
     def _calc_gripper(self, context: Context) -> float:
         state, opening = self.state(context), self._gripper.max_opening

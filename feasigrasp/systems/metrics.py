@@ -82,8 +82,7 @@ class Metrics(LeafSystem):
         p_WO = np.full(3, np.nan) if tracked is None else tracked.translation()
         X_WH = tool_pose(q, self._gripper.X_FG, self._arm)
         X_BH = inverse_kernel(X_WB) @ X_WH
-        grasps: GraspSet | None = optional(self._grasps, context)
-        sampled: GraspSet | None = optional(self._sampled, context)
+        grasps, sampled = optional(self._grasps, context), optional(self._sampled, context)
         nearest = np.full(2, np.nan)
         if grasps is not None and len(grasps) > 0:
             errors = grasp_errors(grasps.X_OG, inverse_kernel(X_WO) @ X_WH)

@@ -56,9 +56,8 @@ class ObjectTracker(LeafSystem):
     def __init__(self, config: TrackerConfig | None = None) -> None:
         super().__init__()
         self._config = config = config or TrackerConfig()
-        self._noise = Noise(
-            config.position_noise, config.rotation_noise, config.jerk, config.angular_jerk
-        )
+        jerks = config.jerk, config.angular_jerk
+        self._noise = Noise(config.position_noise, config.rotation_noise, *jerks)
         self._delay = round(config.latency / config.period)
         self._pose = declare_input(self, "pose", RigidTransform())
         self._stamp = self.DeclareVectorInputPort("stamp", 1)

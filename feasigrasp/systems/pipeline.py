@@ -258,7 +258,7 @@ def add_control(
     controller: LeafSystem,
     planner: LeafSystem | None = None,
 ) -> None:
-    """Adds what leads from grasps to what arm and gripper are sent.
+    """Adds what leads from grasps to what arm and gripper are sent, and says what goes on.
 
     The ``planner`` plans for the controller; None where that does so itself.
     """
@@ -298,10 +298,6 @@ def add_control(
     if static is not None and controller.HasInputPort("static_obstacles"):
         cell.add("static_obstacles", ConstantValueSource(AbstractValue.Make(static)))
     cell.signal("velocity", cell.faults.command(controller))
-
-
-def add_status(cell: Cell) -> None:
-    """Adds the status monitor."""
     measured = cell.scenario.tracker.kind != TrackerKind.CAMERA
     monitor = StatusMonitor(cell.gripper, cell.scenario.grasp, sees_slip=measured, arm=cell.arm)
     cell.add("status", monitor)

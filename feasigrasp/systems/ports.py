@@ -42,7 +42,6 @@ class Nothing(Enum):
     NOTHING = "nothing"
 
     def __bool__(self) -> Literal[False]:
-        """False, as of None."""
         return False
 
 
@@ -197,9 +196,13 @@ class ObjectState:
         """Updates it every ``period`` seconds from ``offset`` on to what ``update`` returns."""
 
         def advance(context: Context, state: State) -> None:
-            state.get_mutable_abstract_state(self._index).set_value(_stored(update(context)))
+            self.set(state, update(context))
 
         system.DeclarePeriodicUnrestrictedUpdateEvent(period, offset, _kept_by(system, advance))
+
+    def set(self, to: State | Context, value: Any) -> None:
+        """Sets the object in a state or a context."""
+        to.get_mutable_abstract_state(self._index).set_value(_stored(value))
 
     def Eval(self, context: Context) -> Any:
         """The object at present."""

@@ -195,15 +195,10 @@ class _SituationInputs:
     def situation(self, context: Context) -> Situation:
         """What they hold."""
         q, v = self._position.Eval(context), optional(self._velocity, context)
-        return Situation(
-            context.get_time(),
-            q,
-            np.zeros_like(q) if v is None else v,
-            self._pose.Eval(context).GetAsMatrix4(),
-            self._twist.Eval(context).get_coeffs(),
-            optional(self._motion, context),
-            self._prediction,
-        )
+        v = np.zeros_like(q) if v is None else v
+        X_WO, V_WO = self._pose.Eval(context).GetAsMatrix4(), self._twist.Eval(context).get_coeffs()
+        motion = optional(self._motion, context)
+        return Situation(context.get_time(), q, v, X_WO, V_WO, motion, self._prediction)
 
 
 class FeasiblePoses(LeafSystem):

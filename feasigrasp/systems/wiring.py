@@ -149,10 +149,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "lapsed": "lapsed.sum",
         "arrival": "controller.arrival",
     },
-    "contact_sense": {
-        "torque_external": "station.arm.torque_external",
-        "phase": "sequencer.phase",
-    },
+    "contact_sense": {"torque_external": "station.arm.torque_external", "phase": "sequencer.phase"},
     "planner": _CONTROLLER,
     "controller": _CONTROLLER,
     "drive": {"velocity": "velocity", "position": _POSITION},

@@ -203,7 +203,8 @@ class ControlLoop:
                 self.intake.skip()
             utime = self.intake.oldest()
         if self.started:
-            self._publish()
+            request = self._station.request
+            request.ForcedPublish(request.GetMyContextFromRoot(self.simulator.get_context()))
 
     def _begin(self, utime: int) -> None:
         """Starts the pipeline, whose time is zero from now on."""
@@ -246,7 +247,3 @@ class ControlLoop:
                 )
             self.intake.receive(min(0.05, timeout))
         return utime
-
-    def _publish(self) -> None:
-        request = self._station.request
-        request.ForcedPublish(request.GetMyContextFromRoot(self.simulator.get_context()))

@@ -1,5 +1,6 @@
 """Logs arm, object and grasp at the control rate."""
 
+from collections.abc import Mapping
 from math import prod
 
 import numpy as np
@@ -16,7 +17,7 @@ from feasigrasp.systems.ports import add_connected, declare_input, declare_outpu
 from feasigrasp.systems.station.station import Station
 
 
-def fields(joints: int) -> dict[str, tuple[int, ...]]:
+def fields(joints: int) -> Mapping[str, tuple[int, ...]]:
     """The arrays of a log beside ``time``, and the shape of a sample.
 
     docs/results_schema.md defines them.

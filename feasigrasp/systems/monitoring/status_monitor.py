@@ -189,8 +189,7 @@ class StatusMonitor(LeafSystem):
 
     def status(self, context: Context) -> Status:
         """The present status."""
-        now: Status | None = self._reported.Eval(context).now
-        return Status(0.0, StatusCode.NOTHING_SEEN) if now is None else now
+        return self._reported.Eval(context).now or Status(0.0, StatusCode.NOTHING_SEEN)
 
     def _look(self, context: Context) -> _Reported:
         reported: _Reported = self._reported.Eval(context)

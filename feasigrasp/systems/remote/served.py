@@ -121,11 +121,7 @@ class Served:
         port.FixValue(self._context, value)
 
 
-_IMAGES: dict[str, Any] = {
-    "depth": ImageDepth32F,
-    "label": ImageLabel16I,
-    "color": ImageRgba8U,
-}
+_IMAGES: dict[str, Any] = {"depth": ImageDepth32F, "label": ImageLabel16I, "color": ImageRgba8U}
 
 
 def packed(value: Any) -> bytes:

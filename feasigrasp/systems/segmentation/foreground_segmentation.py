@@ -118,8 +118,7 @@ class ForegroundSegmentation(_Segmentation):
         return CameraView(points, self._camera_pose.Eval(context).GetAsMatrix4())
 
     def _remember(self, context: Context) -> tuple[float | None, CameraView | None]:
-        first: tuple[float | None, CameraView | None] = self._first.Eval(context)
-        time = self._time(context)
+        first, time = self._first.Eval(context), self._time(context)
         if first[0] is not None or not np.isfinite(time):
             return first
         view = self._view(context)

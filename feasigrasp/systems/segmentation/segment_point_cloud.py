@@ -79,9 +79,9 @@ class SegmentPointCloud(LeafSystem):
         declare_output(self, "outline", lambda context: segmented.Eval(context)[1], {segmented})
 
     def _calc_cloud(self, context: Context) -> PointCloud:
-        chosen, _ = self._segmented.Eval(context)
-        cloud = PointCloud(chosen.shape[1])
-        cloud.mutable_xyzs()[:] = chosen
+        points, _ = self._segmented.Eval(context)
+        cloud = PointCloud(points.shape[1])
+        cloud.mutable_xyzs()[:] = points
         return cloud
 
     def _calc(self, context: Context) -> tuple[NDArray[np.floating], Outline | None]:

@@ -181,8 +181,7 @@ class FaultyPose(LeafSystem):
         return RigidTransform(measured)
 
     def _poses(self, context: Context) -> np.ndarray:
-        values: np.ndarray = context.get_discrete_state_vector().value()
-        return values.reshape(-1, 4, 4)
+        return context.get_discrete_state_vector().value().reshape(-1, 4, 4)
 
 
 @dataclass(frozen=True, eq=False)

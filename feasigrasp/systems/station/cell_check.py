@@ -120,13 +120,10 @@ def _check_limits(plant: MultibodyPlant, instance: ModelInstanceIndex, arm: Arm)
                     f"{np.rad2deg(ours):.2f} are expected; {_LINK_MEND}"
                 )
         actuator = plant.GetJointActuatorByName(name, instance)
-        (velocity,), (acceleration,) = (
-            joint.velocity_upper_limits(),
-            joint.acceleration_upper_limits(),
-        )
+        velocity, acceleration = joint.velocity_upper_limits(), joint.acceleration_upper_limits()
         for what, unit, theirs, ours in (
-            ("velocity", "rad/s", velocity, arm.velocity_limits[i]),
-            ("acceleration", "rad/s^2", acceleration, arm.acceleration_limits[i]),
+            ("velocity", "rad/s", velocity[0], arm.velocity_limits[i]),
+            ("acceleration", "rad/s^2", acceleration[0], arm.acceleration_limits[i]),
             ("effort", "Nm", actuator.effort_limit(), arm.effort_limits[i]),
         ):
             if theirs < (1.0 - limit_tolerance) * ours:

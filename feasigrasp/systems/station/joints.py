@@ -29,16 +29,13 @@ class JointSensors(LeafSystem):
         self._position = self.DeclareVectorInputPort("position", n)
         self._torque = self.DeclareVectorInputPort("torque_external", n)
         self._desired = self.DeclareVectorInputPort("desired_state", 2 * n)
-        of_torque = {self._position, self._torque, self.time_ticket()}
+        q, of_torque = self._position, {self._position, self._torque, self.time_ticket()}
         for name, size, calc, inputs in (
-            ("position_measured", n, self._calc_position, {self._position}),
+            ("position_measured", n, lambda of: errors.position(q.Eval(of)), {q}),
             ("torque_estimated", n, self._calc_torque, of_torque),
             ("true_desired_state", 2 * n, self._calc_desired, {self._desired}),
         ):
             declare_output(self, name, calc, inputs, size=size)
-
-    def _calc_position(self, context: Context) -> Array:
-        return self._errors.position(self._position.Eval(context))
 
     def _calc_torque(self, context: Context) -> Array:
         torque, q = self._torque.Eval(context), self._position.Eval(context)

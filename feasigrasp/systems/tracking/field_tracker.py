@@ -103,9 +103,7 @@ class FieldTracker(LeafSystem):
 
     def _known(self, context: Context) -> FieldTrack:
         """The track of this tracker, or the one at its input."""
-        source = self._given if self._given.HasValue(context) else self._track
-        found: FieldTrack = source.Eval(context)
-        return found
+        return (self._given if self._given.HasValue(context) else self._track).Eval(context)
 
     def _look(self, context: Context) -> FieldTrack:
         before = self._known(context)
