@@ -144,7 +144,7 @@ class Guard:
         self._sent[data] += 1
         if self._sent[data] == 2:
             self._doubled += 1
-            self._rival |= self._doubled >= 10
+            self._rival |= self._doubled >= 10  # in a row
 
     def _request(self, data: bytes) -> None:
         if self._dismissed or self._rival:
@@ -183,7 +183,7 @@ class Guard:
         if self._sent and next(reversed(self._sent.values())) < 2:
             self._doubled = 0
         self._sent[encoded] = 0
-        if len(self._sent) > 64:
+        if len(self._sent) > 64:  # so many are remembered
             self._sent.popitem(last=False)
         self._lcm.Publish(channels.IIWA_COMMAND, encoded)
 
@@ -242,7 +242,7 @@ def refuse_if_commanded(lcm: DrakeLcm) -> None:
     """
     received: deque[bytes] = deque(maxlen=1)  # the bus never ends a subscription
     lcm.Subscribe(channels.IIWA_COMMAND, received.append)
-    deadline = time.monotonic() + 0.1
+    deadline = time.monotonic() + 0.1  # many cycles of the driver
     while time.monotonic() < deadline and not received:
         lcm.HandleSubscriptions(10)
     if received:

@@ -97,9 +97,9 @@ def add_distractor_bodies(
         geometry.set_perception_properties(seen)
         scene_graph.RegisterGeometry(source, frame, geometry)
         frames.append(frame)
-    distractor_bodies = builder.AddNamedSystem(name, DistractorBodies(bodies, frames))
-    builder.Connect(distractor_bodies.get_output_port(), scene_graph.get_source_pose_port(source))
-    return distractor_bodies
+    moved = builder.AddNamedSystem(name, DistractorBodies(bodies, frames))
+    builder.Connect(moved.get_output_port(), scene_graph.get_source_pose_port(source))
+    return moved
 
 
 # Friction between the gripper and what it holds.
