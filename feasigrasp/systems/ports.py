@@ -214,10 +214,9 @@ class ObjectState:
 
 
 class PeriodicState(ObjectState):
-    """An `ObjectState` that is made anew every ``period`` seconds."""
+    """An `ObjectState` that is every ``period`` seconds what ``update`` returns from then on."""
 
     def __init__(self, system: LeafSystem, initial: Any, period: float, update: Calc) -> None:
-        """Declares the state; ``update`` returns what it is from then on."""
         super().__init__(system, initial)
         self.every(system, period, 0.0, update)
 

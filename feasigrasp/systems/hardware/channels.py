@@ -191,8 +191,8 @@ def _is_possible(message: Any, joints: int) -> bool:
         values = message.actual_position_mm, message.actual_speed_mm_per_s, message.actual_force
         return bool((np.abs(values) <= 1e3 * FARTHEST).all())
     if isinstance(message, lcmt_robot_state):  # positions that are not finite say so
-        far = any(abs(x) > FARTHEST for x in message.joint_position)
-        return message.num_joints <= most_coordinates and not far
+        few, used = message.num_joints <= most_coordinates, message.joint_position
+        return few and all(not abs(x) > FARTHEST for x in used)
     if isinstance(message, lcmt_image_array):
         return 0 <= message.num_images <= most_images
     return True
