@@ -270,7 +270,7 @@ class Examples:
             "inputs": ControllerInputs(controller, context), "context": context,
             "GraspController.safety": SafetyOptions(),
             "plant": plant,
-            "groups": ("task",), "edge_jump": 0.02, "planning_time": 0.02,
+            "groups": ("task",), "planning_time": 0.02,
         }  # fmt: skip
         for system in fields(Subsystems):
             self.values[f"Subsystems.{system.name}"] = controller

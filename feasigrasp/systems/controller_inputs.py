@@ -6,17 +6,13 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context
 
-from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.planning.clearance_schedule import obstacle_surface
 from feasigrasp.models.control.planning.search_pose import SearchTarget
-from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.objects.tracking import Tracking
-from feasigrasp.models.robot.kinematics import tool_pose
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.ports import evaluate, optional
 
@@ -31,7 +27,6 @@ class ControllerInputs:
     __slots__ = ("_context", "_controller")
 
     def __init__(self, controller: Any, context: Context) -> None:
-        """The inputs of a controller in a context."""
         self._controller, self._context = controller, context
 
     @property
@@ -118,13 +113,3 @@ class ControllerInputs:
         Without unobserved surface, if the grasp that the hand is nearly at is in there.
         """
         return evaluate(self._controller._surface, self._context)
-
-    @checked()
-    def scheduled_obstacle(self, grid: ObstacleGrid | None) -> ObstacleGrid | None:
-        """The object's surface with clearance, see `obstacle_surface`."""
-        if grid is None or grid.seen is None:
-            return grid
-        reach, hand = self._controller.reachability, self._controller._open_hand
-        X_WH = tool_pose(self.q, reach.gripper.X_FG, reach.arm)
-        X_OH = se3.inverse(self.X_WO) @ X_WH
-        return obstacle_surface(grid, X_OH, self.grasps.X_OG, hand)

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
@@ -22,7 +21,6 @@ from feasigrasp.systems.pipeline import (
     add_control,
     add_measurement,
     add_perception,
-    add_status,
     add_tracker,
     add_visualization,
 )
@@ -147,10 +145,10 @@ def make_dynamic_grasp(
     check_types_too(scenario)
     reachability = make_reachability(scenario)
     gripper = reachability.gripper
-    hand_error = np.eye(4) if station else make_hand_error(scenario)
+    hand_error = None if station else make_hand_error(scenario)
     builder = DiagramBuilder()
     station = builder.AddNamedSystem("station", station or make_station(scenario))
-    check_cell(station.plant, gripper, reachability.arm, hand_error=hand_error)
+    check_cell(station.plant, gripper, reachability.arm, hand_error)
     cell = Cell(builder, scenario, gripper, reachability.arm, station, segmentation)
     check_segmentation(scenario, own=cell.masked)
     add_tracker(cell, tracker or make_part(Part.TRACKER, scenario, reachability))
@@ -175,7 +173,6 @@ def make_dynamic_grasp(
     if cell.remote and not controller and isinstance(made, GraspController):
         planner = remote_planner(scenario, cell.simulated, made.period)
     add_control(cell, reachability, made, planner)
-    add_status(cell)
     if isinstance(station, Station):
         add_measurement(cell)
     if meshcat is not None:
@@ -183,9 +180,8 @@ def make_dynamic_grasp(
     cell.connect()
     # In a process of its own perception samples as well.
     other = {"sampler": "perception"} if cell.remote else {}
-    subsystems = Subsystems(
-        **{name: cell[other.get(name, name)] for name in Subsystems.__annotations__}
-    )
+    names = {name: other.get(name, name) for name in Subsystems.__annotations__}
+    subsystems = Subsystems(**{name: cell[there] for name, there in names.items()})
     if connect is not None:
         connect(builder, subsystems)
     diagram = DynamicGrasp()

@@ -106,8 +106,7 @@ def make_foreground_segmentation(
     Raises:
         ScenarioError: The mask that the scenario names cannot be made.
     """
-    camera = make_camera(scenario, name)
-    cell = scenario.cell
+    camera, cell = make_camera(scenario, name), scenario.cell
     stated = ["table", *cell.boxes, *cell.meshes, *modeled_bodies(scenario)]
     boxes = cell_boxes(station_config(scenario), stated)
     bodies = ModeledBodies(gripper, boxes, load_arm(scenario.arm))
@@ -116,9 +115,8 @@ def make_foreground_segmentation(
         mask = make_named(Part.SEGMENTATION, own, camera)
     if mask is not None:
         return MaskSegmentation(mask, camera, bodies)
-    return ForegroundSegmentation(
-        camera, bodies, scenario.carrier.hue, period=scenario.tracker.image_period
-    )
+    period = scenario.tracker.image_period
+    return ForegroundSegmentation(camera, bodies, scenario.carrier.hue, period=period)
 
 
 def make_object_pixels(scenario: Scenario, name: str = "") -> SegmentPointCloud:
@@ -129,21 +127,10 @@ def make_object_pixels(scenario: Scenario, name: str = "") -> SegmentPointCloud:
     return SegmentPointCloud(Label.OBJECT, camera=camera, hiding=hiding, smears=smears)
 
 
-def uses_eye_in_hand_tracking(scenario: Scenario) -> bool:
-    """Whether the object is tracked with a camera on the arm."""
-    return scenario.tracker.kind == TrackerKind.CAMERA and has_eye_in_hand_camera(scenario)
-
-
 def tracks_from_depth(scenario: Scenario) -> bool:
     """Whether the object is found and tracked in depth images, by the scenario's own tracker."""
     camera = scenario.tracker.kind == TrackerKind.CAMERA and Part.TRACKER not in scenario.parts
     return camera and scenario.perception.segmentation == Segmentation.DEPTH
-
-
-def has_eye_in_hand_camera(scenario: Scenario) -> bool:
-    """Whether perception's camera is on the arm."""
-    frame = scenario.cameras[scenario.perception.camera].X_PB.base_frame
-    return frame not in (None, "", "world")
 
 
 def make_camera(scenario: Scenario, name: str = "") -> Camera:
@@ -153,18 +140,12 @@ def make_camera(scenario: Scenario, name: str = "") -> Camera:
     baseline and decimation.
     """
     name = name or scenario.perception.camera
-    config = scenario.cameras[name]
-    noise = scenario.camera_noise.get(name, {})
+    config, noise = scenario.cameras[name], scenario.camera_noise.get(name, {})
     info = pixel_centred_intrinsics(config)
-    return Camera(
-        (info.focal_x(), info.focal_y(), info.center_x(), info.center_y()),
-        info.width(),
-        info.height(),
-        config.z_near,
-        stereo_deviation(
-            info.focal_x() * noise.get("decimation", 1), noise.get("baseline", BASELINE)
-        ),
-    )
+    intrinsics = info.focal_x(), info.focal_y(), info.center_x(), info.center_y()
+    focal, baseline = info.focal_x() * noise.get("decimation", 1), noise.get("baseline", BASELINE)
+    deviation = stereo_deviation(focal, baseline)
+    return Camera(intrinsics, info.width(), info.height(), config.z_near, deviation)
 
 
 def make_scenario_sampler(scenario: Scenario, gripper: Gripper) -> GraspSamplerFn:
@@ -235,19 +216,16 @@ def make_part(part: Part, scenario: Scenario, reachability: Reachability) -> Any
     Raises:
         ScenarioError: The one that it names cannot be made.
     """
+    gripper = reachability.gripper
     given: dict[Part, tuple[Any, Callable[[], Any]]] = {
-        Part.SAMPLER: (
-            reachability.gripper,
-            lambda: make_scenario_sampler(scenario, reachability.gripper),
-        ),
+        Part.SAMPLER: (gripper, lambda: make_scenario_sampler(scenario, gripper)),
         Part.CONTROLLER: (reachability, lambda: make_controller(scenario, reachability)),
         Part.TRACKER: (scenario.tracker, lambda: make_tracker(scenario)),
         Part.PERCEPTION: (scenario.perception, lambda: make_perception(scenario)),
     }
     argument, make = given[part]
-    if part not in scenario.parts:
-        return make()
-    return make_named(part, scenario.parts[part], argument)
+    own = scenario.parts.get(part)
+    return make() if own is None else make_named(part, own, argument)
 
 
 def make_static_grid(scenario: Scenario) -> ObstacleGrid | None:

@@ -13,6 +13,7 @@ from pydrake.systems.framework import Context, DependencyTicket, InputPort, Leaf
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.planning.clearance_schedule import obstacle_surface
 from feasigrasp.models.control.planning.in_view import velocity_in_view
 from feasigrasp.models.control.planning.search_pose import (
     SearchTarget,
@@ -22,6 +23,7 @@ from feasigrasp.models.control.planning.search_pose import (
 from feasigrasp.models.control.planning.static_grid import nearest_of
 from feasigrasp.models.control.planning.touch import yielding_velocity
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
+from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -30,7 +32,7 @@ from feasigrasp.models.objects.prediction import Motion, MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.quantities import JACOBIAN, JOINT_RATES, TWIST, NotNegative, Positive
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.kinematics import pose_and_jacobian, tool_pose_and_jacobian
+from feasigrasp.models.robot.kinematics import pose_and_jacobian, tool_pose, tool_pose_and_jacobian
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.shape.grids import object_grid, obstacle_grid
@@ -150,25 +152,18 @@ class GraspController(LeafSystem):
         self._tracking = declare_input(self, "tracking", kind=Tracking | None)
         self._plan = declare_input(self, "plan")
         seen = self._declare_grid("scene", scene, obstacle_grid)
-        self._obstacles = declare_cache(
-            self,
-            "obstacles",
-            lambda context: nearest_of(optional(static, context), evaluate(seen, context)),
-            {static.ticket(), seen.ticket()},
-        )
-        whole = self._declare_grid("surface of the object", self._gpdf, object_grid)
+
+        def obstacles(context: Context) -> ObstacleGrid | None:
+            return nearest_of(optional(static, context), evaluate(seen, context))
+
+        self._obstacles = declare_cache(self, "obstacles", obstacles, {static, seen})
+        self._whole = self._declare_grid("surface of the object", self._gpdf, object_grid)
         self._open_hand = reachability.gripper.surface_points(reachability.gripper.max_opening)
-        self._surface = declare_cache(
-            self,
-            "surface that the hand keeps off",
-            lambda context: ControllerInputs(self, context).scheduled_obstacle(
-                evaluate(whole, context)
-            ),
-            {at.ticket() for at in (whole, self._position, self._grasps, self._pose)},
-        )
+        name, of = "surface that the hand keeps off", (self._position, self._grasps, self._pose)
+        self._surface = declare_cache(self, name, self._calc_surface, {self._whole, *of})
         self._memory = PeriodicState(self, memory, period, self._updated)
         self._in_effect = ObjectState(self, memory)
-        self._planning_time = 0.0
+        self._acting: ObjectState = self._memory
         self._search_pose = PeriodicState(self, None, ReachabilityConfig.period, self._search)
         self.DeclareVectorOutputPort("commanded_velocity", n, weakly(self._calc))
         declare_output(self, "chosen_grasp", self._calc_chosen, self.memory_tickets, size=16)
@@ -218,16 +213,15 @@ class GraspController(LeafSystem):
                 f"control.planning_time is {planning_time:g} s; give less than {self.period:g} s, "
                 "the time between its updates"
             )
-        self._planning_time = planning_time
         if planning_time > 0.0:
-            self._in_effect.every(self, self.period, planning_time, self._memory.Eval)
+            self._acting = self._in_effect
+            self._acting.every(self, self.period, planning_time, self._memory.Eval)
 
     @checked(ControlError)
     def memory(self, context: Context) -> Any:
         """The result of the last `update` in effect, here or at the source of ``plan``."""
-        own = self._in_effect if self._planning_time > 0.0 else self._memory
         planned = optional(self._plan, context)
-        return own.Eval(context) if planned is None else planned
+        return self._acting.Eval(context) if planned is None else planned
 
     @property
     def memory_tickets(self) -> set[DependencyTicket]:
@@ -298,6 +292,7 @@ class GraspController(LeafSystem):
         grasps = GraspSet(X_OG[None], np.zeros(1), np.ones(1))
         ball = sphere_points(64, 0.03)
         bowl = ball[ball[:, 2] < 0.005]  # with surface that was not seen
+        tracking = Tracking(TrackingState.TRACKING, 0.0, expected=X_WO.GetAsMatrix4())
         for name, value in {
             "object_pose": X_WO,
             "object_velocity": SpatialVelocity.Zero(),
@@ -306,9 +301,7 @@ class GraspController(LeafSystem):
             "gpdf": Value[object](fit_gpdf(bowl)),
             "camera_pose": RigidTransform([0.3, 0.0, 0.5]),
             "search_target": Value[object](SearchTarget(X_WO.GetAsMatrix4(), 0.0)),
-            "tracking": Value[object](
-                Tracking(TrackingState.TRACKING, 0.0, expected=X_WO.GetAsMatrix4())
-            ),
+            "tracking": Value[object](tracking),
         }.items():
             self.GetInputPort(name).FixValue(context, value)
         memory, some = self.memory(context), grasps
@@ -332,14 +325,22 @@ class GraspController(LeafSystem):
             field = optional(port, context)
             return None if field is None else make_grid(field)
 
-        return declare_cache(self, name, calc, {port.ticket()})
+        return declare_cache(self, name, calc, {port})
+
+    def _calc_surface(self, context: Context) -> ObstacleGrid | None:
+        """The object's surface with clearance, see `obstacle_surface`."""
+        grid: ObstacleGrid | None = evaluate(self._whole, context)
+        if grid is None or grid.seen is None:
+            return grid
+        inputs, reach = ControllerInputs(self, context), self.reachability
+        X_OH = se3.inverse(inputs.X_WO) @ tool_pose(inputs.q, reach.gripper.X_FG, reach.arm)
+        return obstacle_surface(grid, X_OH, inputs.grasps.X_OG, self._open_hand)
 
     def _kept_off(self, inputs: ControllerInputs) -> MovingObject | None:
         """The object that the hand keeps off, where it is expected if it is looked for."""
         if inputs.surface is None:
             return None
-        if inputs.search_target is not None:
-            # Twist of an object at rest. Source: definition.
+        if inputs.search_target is not None:  # taken to be at rest
             return MovingObject(inputs.surface, inputs.search_target.X_WO, np.zeros(6))
         return MovingObject(inputs.surface, inputs.X_WO, inputs.V_WO)
 
@@ -357,18 +358,15 @@ class GraspController(LeafSystem):
         return search_configuration(search_target, inputs.q, X_WC, self.reachability)
 
     def _calc(self, context: Context, output) -> None:
-        inputs = ControllerInputs(self, context)
+        inputs, arm = ControllerInputs(self, context), self.reachability.arm
         q_search = self._search_pose.Eval(context) if inputs.search_target else None
         if q_search is not None:
-            speed = self._safety_options.speed
-            qd = self.enforced(
-                search_velocity(inputs.q, q_search, speed, self.reachability.arm), inputs
-            )
+            qd = search_velocity(inputs.q, q_search, self._safety_options.speed, arm)
+            qd = self.enforced(qd, inputs)
         else:
             qd = self.in_view(self.velocity(self.memory(context), inputs), inputs)
         if inputs.touch.any():
-            X_FG, arm = self.reachability.gripper.X_FG, self.reachability.arm
-            J_WH = tool_pose_and_jacobian(inputs.q, X_FG, arm)[1]
+            J_WH = tool_pose_and_jacobian(inputs.q, self.reachability.gripper.X_FG, arm)[1]
             qd = self.enforced(yielding_velocity(qd, inputs.touch, J_WH), inputs)
         output.SetFromVector(qd)
 

@@ -84,14 +84,13 @@ class GraspSampler(LeafSystem):
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._rest = rest
         self._before = PeriodicState(self, _Sampled(GraspHistory()), period, self._update)
-        inputs = {self._gpdf.ticket(), self._before.ticket()}
+        inputs = {self._gpdf, self._before}
         self._now = declare_cache(self, "grasps of the present field", self._calc_history, inputs)
-        declare_output(self, "grasps", self._calc, {self._now.ticket()})
+        declare_output(self, "grasps", self._calc, {self._now})
 
     def _update(self, context: Context) -> _Sampled:
         before: _Sampled = self._before.Eval(context)
-        history: GraspHistory = self._now.Eval(context)
-        time = context.get_time()
+        history, time = self._now.Eval(context), context.get_time()
         if self._rests(before) and time >= before.time + self._rest - 1e-9:
             history = self._followed(history, evaluate(self._gpdf, context))
         return before if history is before.history else _Sampled(history, time)
@@ -122,6 +121,4 @@ class GraspSampler(LeafSystem):
 
     def _calc(self, context: Context) -> GraspSet:
         history: GraspHistory = self._now.Eval(context)
-        if history.gpdf is None:
-            return GraspSet.empty({"object not seen": 1})
-        return history.grasps
+        return GraspSet.empty({"object not seen": 1}) if history.gpdf is None else history.grasps

@@ -36,6 +36,7 @@ from feasigrasp.systems.ports import (
     declare_cache,
     declare_input,
     declare_output,
+    declare_pose_and_velocity,
     optional,
     scalar,
 )
@@ -116,28 +117,20 @@ class GripperSequencer(LeafSystem):
         self._state = PeriodicState(self, GraspState(), period, self._advance)
         self._attempt = PeriodicState(self, Attempt(), period, self._get_on)
 
-        state, time = self._state.ticket(), self.time_ticket()
-        doubts = {port.ticket() for port in (self._tracking, self._perceived, self._lapsed)}
-        target = {state, time, self._pose.ticket(), self._velocity.ticket(), *doubts}
-        offered = {self._grasps.ticket(), self._arrival.ticket()}
-        self._usable = declare_cache(
-            self, "usable grasps", self._calc_usable, {self._attempt.ticket(), *offered}
-        )
-        usable = {state, self._usable.ticket(), *doubts}
-        declare_output(self, "grasps", self._calc_grasps, usable)
-        declare_output(self, "gpdf", self._calc_gpdf, {state, self._gpdf.ticket()})
-        declare_output(self, "object_pose", self._calc_pose, target, model=RigidTransform())
-        declare_output(
-            self, "object_velocity", self._calc_velocity, target, model=SpatialVelocity.Zero()
-        )
-        motion = {state, time, self._motion.ticket()}
-        declare_output(self, "object_motion", self._calc_motion, motion)
+        state, time = self._state, self.time_ticket()
+        doubts = {self._tracking, self._perceived, self._lapsed}
+        offered = {self._attempt, self._grasps, self._arrival}
+        self._usable = declare_cache(self, "usable grasps", self._calc_usable, offered)
+        declare_output(self, "grasps", self._calc_grasps, {state, self._usable, *doubts})
+        declare_output(self, "gpdf", self._calc_gpdf, {state, self._gpdf})
+        target = {state, time, self._pose, self._velocity, *doubts}
+        declare_pose_and_velocity(self, self._target, target)
+        declare_output(self, "object_motion", self._calc_motion, {state, time, self._motion})
         declare_output(self, "gripper_position", self._calc_gripper, {state, time}, size=1)
-        declare_output(self, "object_hold", self._calc_hold, {state}, size=1)
+        declare_output(self, "object_hold", lambda of: not self.state(of).released, {state}, size=1)
         declare_output(self, "phase", lambda context: self.state(context).phase, {state}, size=1)
-        declare_output(
-            self, "search_target", self._calc_search_target, {state, self._tracking.ticket()}
-        )
+        searched = {state, self._tracking}
+        declare_output(self, "search_target", self._calc_search_target, searched)
 
     @checked(GraspError)
     def state(self, context: Context) -> GraspState:
@@ -146,9 +139,11 @@ class GripperSequencer(LeafSystem):
 
     def _doubt(self, context: Context) -> StatusCode | None:
         """Why what is known of the object is not to be relied on; None if it is."""
-        if self._tracking.HasValue(context) and self._tracking.Eval(context).lost:
+        tracking: Tracking | None = optional(self._tracking, context)
+        if tracking is not None and tracking.lost:
             return StatusCode.POSE_LOST
-        if self._perceived.HasValue(context) and self._perceived.Eval(context).contradicted:
+        perceived: Perceived | None = optional(self._perceived, context)
+        if perceived is not None and perceived.contradicted:
             return StatusCode.POSE_CONTRADICTED
         if scalar(self._lapsed, context, 0.0):
             return StatusCode.PERCEPTION_LAPSED
@@ -156,9 +151,8 @@ class GripperSequencer(LeafSystem):
 
     def _coasting(self, context: Context) -> bool:
         """Whether the pose is extrapolated at best."""
-        tracked = TrackingState.TRACKING
-        port = self._tracking
-        return port.HasValue(context) and port.Eval(context).state is not tracked
+        tracking: Tracking | None = optional(self._tracking, context)
+        return tracking is not None and tracking.state is not TrackingState.TRACKING
 
     def _advance(self, context: Context) -> GraspState:
         state = self.state(context)
@@ -213,28 +207,17 @@ class GripperSequencer(LeafSystem):
     def _offered(self, context: Context) -> GraspSet:
         """The grasps of perception, and those that a controller has found."""
         grasps: GraspSet = self._grasps.Eval(context)
-        if not self._arrival.HasValue(context):
-            return grasps
-        own: GraspSet = self._arrival.Eval(context)
-        return grasps.joined(own) if len(own) else grasps
+        own: GraspSet | None = optional(self._arrival, context)
+        return grasps.joined(own) if own is not None and len(own) else grasps
 
     def _calc_usable(self, context: Context) -> GraspSet:
         """The grasps that the hand may go for."""
         grasps = self._offered(context)
-        if not self._gives_up:
-            return grasps
-        attempt: Attempt = self._attempt.Eval(context)
-        return attempt.usable(grasps)
+        return self._attempt.Eval(context).usable(grasps) if self._gives_up else grasps
 
     def _calc_gpdf(self, context: Context) -> Gpdf | None:
         committed = self.state(context).grasp is not None
         return None if committed else optional(self._gpdf, context)
-
-    def _calc_pose(self, context: Context) -> RigidTransform:
-        return RigidTransform(self._target(context)[0])
-
-    def _calc_velocity(self, context: Context) -> SpatialVelocity:
-        return SpatialVelocity(self._target(context)[1])
 
     def _calc_motion(self, context: Context) -> Motion | None:
         state = self.state(context)
@@ -244,19 +227,15 @@ class GripperSequencer(LeafSystem):
 
     def _calc_search_target(self, context: Context) -> SearchTarget | None:
         approaching = self.state(context).phase == Phase.APPROACH
-        if not (self._looks and approaching and self._tracking.HasValue(context)):
+        tracking: Tracking | None = optional(self._tracking, context)
+        if not (self._looks and approaching) or tracking is None:
             return None
-        tracking: Tracking = self._tracking.Eval(context)
         if tracking.expected is None or tracking.age < SEARCH_AFTER:
             return None
         return SearchTarget(tracking.expected, tracking.age)
 
-    def _calc_hold(self, context: Context) -> bool:
-        return not self.state(context).released
-
     def _calc_gripper(self, context: Context) -> float:
-        state = self.state(context)
-        opening = self._gripper.max_opening
+        state, opening = self.state(context), self._gripper.max_opening
         if state.phase == Phase.CLOSE and np.isnan(state.pressing_since):
             travelled = self._config.closing_speed * (context.get_time() - state.since)
             opening = max(self.CLOSED, opening - travelled)

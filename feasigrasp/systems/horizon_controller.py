@@ -60,15 +60,8 @@ class HorizonController(GraspController):
         qd, program = inputs.qd_last, self._options.program
         if qd is None:  # taken to do as planned
             qd = plan_velocity(memory, inputs.time - program.safety.period, program)
-        now = Situation(
-            inputs.time,
-            inputs.q,
-            qd,
-            inputs.X_WO,
-            inputs.V_WO,
-            inputs.motion,
-            self._options.prediction,
-        )
+        state = inputs.q, qd, inputs.X_WO, inputs.V_WO
+        now = Situation(inputs.time, *state, inputs.motion, self._options.prediction)
         return next_plan(
             *(memory, now, inputs.grasps, self.reachability, self._options, self.space),
             committed=inputs.committed,

@@ -61,7 +61,6 @@ class Metrics(LeafSystem):
 
     @checked()
     def __init__(self, gripper: Gripper, arm: Arm = IIWA_7) -> None:
-        """Metrics for an arm that carries ``gripper``."""
         super().__init__()
         self._gripper, self._arm = gripper, arm
         self._state = self.DeclareVectorInputPort("state", 2 * arm.joints)
@@ -83,32 +82,25 @@ class Metrics(LeafSystem):
         p_WO = np.full(3, np.nan) if tracked is None else tracked.translation()
         X_WH = tool_pose(q, self._gripper.X_FG, self._arm)
         X_BH = inverse_kernel(X_WB) @ X_WH
-        grasps: GraspSet | None = optional(self._grasps, context)
-        sampled: GraspSet | None = optional(self._sampled, context)
+        grasps, sampled = optional(self._grasps, context), optional(self._sampled, context)
         nearest = np.full(2, np.nan)
         if grasps is not None and len(grasps) > 0:
             errors = grasp_errors(grasps.X_OG, inverse_kernel(X_WO) @ X_WH)
             nearest = errors[np.argmin(errors[:, 0] + 0.1 * errors[:, 1])]
-        p_HB = inverse_kernel(X_BH)[:3, 3]
-        view_time = scalar(self._view_time, context, np.nan)
+        counts = [np.nan if each is None else len(each) for each in (sampled, grasps)]
+        view_age = context.get_time() - scalar(self._view_time, context, np.nan)
         return np.concatenate(
             [
                 arm_condition_kernel(self._arm.chain, q, v),
                 nearest,
-                p_HB,
+                inverse_kernel(X_BH)[:3, 3],
                 so3_log_kernel(np.ascontiguousarray(X_BH[:3, :3])),
                 X_WB[:3, 3],
                 so3_log_kernel(np.ascontiguousarray(X_WB[:3, :3])),
                 self._phase.Eval(context),
-                [_count(sampled), _count(grasps), context.get_time() - view_time],
-                [np.linalg.norm(p_WO - X_WO[:3, 3])],
+                [*counts, view_age, np.linalg.norm(p_WO - X_WO[:3, 3])],
             ]
         )
-
-
-def _count(grasps: GraspSet | None) -> float:
-    """Number of grasps; NaN if unconnected."""
-    return np.nan if grasps is None else float(len(grasps))
 
 
 class TrueFrame(LeafSystem):

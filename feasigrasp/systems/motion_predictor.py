@@ -84,8 +84,7 @@ class MotionPredictor(LeafSystem):
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._twist = declare_input(self, "object_velocity", SpatialVelocity.Zero())
         self._motion = declare_input(self, "object_motion", kind=Motion | None)
-        inputs = {port.ticket() for port in (self._pose, self._twist, self._motion)}
-        declare_output(self, "object_motion", self._calc, inputs)
+        declare_output(self, "object_motion", self._calc, {self._pose, self._twist, self._motion})
 
     def _calc(self, context: Context) -> CustomMotion:
         return CustomMotion(

@@ -2,7 +2,6 @@
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.arguments import checked
@@ -19,7 +18,13 @@ from feasigrasp.models.objects.pose_filter import (
 from feasigrasp.models.objects.prediction import MotionEstimate, predict_kernel
 from feasigrasp.models.objects.tracker_config import TrackerConfig, measured_pose
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.systems.ports import declare_cache, declare_input, declare_output, weakly
+from feasigrasp.systems.ports import (
+    declare_cache,
+    declare_input,
+    declare_output,
+    declare_pose_and_velocity,
+    weakly,
+)
 
 #: Time, then the upper three rows of a pose. Source: layout.
 _ROW = 13
@@ -49,12 +54,10 @@ class ObjectTracker(LeafSystem):
 
     @checked()
     def __init__(self, config: TrackerConfig | None = None) -> None:
-        """A tracker as ``config`` describes it."""
         super().__init__()
         self._config = config = config or TrackerConfig()
-        self._noise = Noise(
-            config.position_noise, config.rotation_noise, config.jerk, config.angular_jerk
-        )
+        jerks = config.jerk, config.angular_jerk
+        self._noise = Noise(config.position_noise, config.rotation_noise, *jerks)
         self._delay = round(config.latency / config.period)
         self._pose = declare_input(self, "pose", RigidTransform())
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
@@ -71,11 +74,7 @@ class ObjectTracker(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, weakly(self._measure))
         state, time = self.discrete_state_ticket(self._state), self.time_ticket()
         self._estimated = declare_cache(self, "estimate", self._estimate, {state, time})
-        estimated = {self._estimated.ticket()}
-        declare_output(self, "object_pose", self._calc_pose, estimated, model=RigidTransform())
-        declare_output(
-            self, "object_velocity", self._calc_velocity, estimated, model=SpatialVelocity.Zero()
-        )
+        declare_pose_and_velocity(self, self._estimated.Eval, {self._estimated})
         declare_output(self, "object_motion", self._calc_motion, {state, time})
         declare_output(self, "tracking", self.tracking, {state, time})
 
@@ -121,12 +120,6 @@ class ObjectTracker(LeafSystem):
             pose_kernel(motion, context.get_time(), X_WO)
             twist_kernel(motion, context.get_time(), V_WO)
         return X_WO, V_WO
-
-    def _calc_pose(self, context: Context) -> RigidTransform:
-        return RigidTransform(self._estimated.Eval(context)[0])
-
-    def _calc_velocity(self, context: Context) -> SpatialVelocity:
-        return SpatialVelocity(self._estimated.Eval(context)[1])
 
     def _calc_motion(self, context: Context) -> MotionEstimate:
         known = not self.tracking(context).lost

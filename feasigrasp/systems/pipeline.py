@@ -24,14 +24,12 @@ from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.scenario.parts import Part, make_named
 from feasigrasp.scenario.schema import Execution, Scenario, Segmentation
 from feasigrasp.systems.from_scenario import (
-    has_eye_in_hand_camera,
     make_camera,
     make_foreground_segmentation,
     make_grasp_sampler,
     make_object_pixels,
     make_scene,
     make_static_grid,
-    uses_eye_in_hand_tracking,
 )
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
@@ -48,6 +46,7 @@ from feasigrasp.systems.stages.controllers import make_drive, make_reachability_
 from feasigrasp.systems.stages.delay import Delay
 from feasigrasp.systems.stages.faults import FaultInjection
 from feasigrasp.systems.stages.remote import add_lapsed, remote_scene, remote_tracker
+from feasigrasp.systems.station.camera import is_on_arm
 from feasigrasp.systems.station.exposures import PoseAt
 from feasigrasp.systems.station.object_contact import ObjectContact, ObstacleDistance
 from feasigrasp.systems.station.station import Station
@@ -213,13 +212,10 @@ def add_perception(
     if sampler is not None:
         cell.add("sampler", make_grasp_sampler(cell.scenario, sampler, cell.gripper))
     cell.add("latency", cell.late(GraspSet.empty()))
-    if cell.scenario.scene.enabled:
-        scene: LeafSystem
-        if cell.remote:
-            scene = remote_scene(cell.scenario, cell.simulated, no_scene)
-        else:
-            scene = make_scene(cell.scenario, cell.gripper, no_scene)
-        cell.add("scene_perception", scene)
+    if cell.scenario.scene.enabled and cell.remote:
+        cell.add("scene_perception", remote_scene(cell.scenario, cell.simulated, no_scene))
+    elif cell.scenario.scene.enabled:
+        cell.add("scene_perception", make_scene(cell.scenario, cell.gripper, no_scene))
 
 
 def _add_second_camera(cell: Cell, tracks_elsewhere: bool) -> None:
@@ -242,19 +238,18 @@ def _color_image(cell: Cell, *, second: bool = False) -> OutputPort | None:
     hue, config = cell.scenario.carrier.hue, cell.scenario.perception
     if hue is None and not cell.masked:
         return None
-    port = cell.camera_port("color_image", second=second)
+    if port := cell.camera_port("color_image", second=second):
+        return port
     camera = config.second_camera if second else config.camera
-    if port is None and cell.masked:
+    if cell.masked:
         raise ScenarioError(
             f"parts.segmentation looks at colors, but {camera} of this cell sends none; have the "
             "camera's driver send the masks, with perception: {segmentation: labels}, see "
             "docs/hardware.md"
         )
-    if port is None:
-        raise ScenarioError(
-            f"carrier.hue is {hue:g}, but {camera} of this cell sends no color image; leave it out"
-        )
-    return port
+    raise ScenarioError(
+        f"carrier.hue is {hue:g}, but {camera} of this cell sends no color image; leave it out"
+    )
 
 
 def add_control(
@@ -263,24 +258,25 @@ def add_control(
     controller: LeafSystem,
     planner: LeafSystem | None = None,
 ) -> None:
-    """Adds what leads from grasps to what arm and gripper are sent.
+    """Adds what leads from grasps to what arm and gripper are sent, and says what goes on.
 
     The ``planner`` plans for the controller; None where that does so itself.
     """
     scenario = cell.scenario
     config, safe = scenario.reachability, scenario.control.safe
-    sees = has_eye_in_hand_camera(scenario) and controller.HasInputPort("camera_pose")
-    looks = sees and uses_eye_in_hand_tracking(scenario)
+    camera = scenario.cameras[scenario.perception.camera]
+    sees = is_on_arm(camera) and controller.HasInputPort("camera_pose")
+    looks = sees and scenario.tracker.kind == TrackerKind.CAMERA
     if sees:
         # Where images come late, a camera's `pose` is of their instant, and not of the joints'.
         cell.signal("hand_camera", cell.camera_port("pose_now") or cell.camera_port("pose"))
     if safe:
         cell.add("carrying", PayloadFilter())
     if scenario.scene.enabled:
-        # What hits the scene either way round takes no place among those that are judged.
         margin = scenario.scene.margin
-        clear = SceneFilter(cell.gripper, margin=margin, either_way_round=True)
-        cell.add("clear_grasps", clear)
+        # What hits the scene either way round takes no place among those that are judged.
+        either = SceneFilter(cell.gripper, margin=margin, either_way_round=True)
+        cell.add("clear_grasps", either)
     cell.add("reachability", make_reachability_filter(scenario, reachability))
     if scenario.scene.enabled:
         cell.add("clear_hand_poses", SceneFilter(cell.gripper, margin=margin))
@@ -288,14 +284,8 @@ def add_control(
     if planner:
         cell.add("planner", planner)
     add_lapsed(cell.builder)
-    sequencer = GripperSequencer(
-        scenario.sequence,
-        cell.gripper,
-        period=config.period,
-        looks=looks,
-        gives_up=safe,
-        arm=cell.arm,
-    )
+    options: dict[str, Any] = {"period": config.period, "looks": looks, "gives_up": safe}
+    sequencer = GripperSequencer(scenario.sequence, cell.gripper, arm=cell.arm, **options)
     cell.add("sequencer", sequencer)
     if sees:
         cell.signal("hand_phase", sequencer.GetOutputPort("phase"))
@@ -308,10 +298,6 @@ def add_control(
     if static is not None and controller.HasInputPort("static_obstacles"):
         cell.add("static_obstacles", ConstantValueSource(AbstractValue.Make(static)))
     cell.signal("velocity", cell.faults.command(controller))
-
-
-def add_status(cell: Cell) -> None:
-    """Adds the status monitor."""
     measured = cell.scenario.tracker.kind != TrackerKind.CAMERA
     monitor = StatusMonitor(cell.gripper, cell.scenario.grasp, sees_slip=measured, arm=cell.arm)
     cell.add("status", monitor)

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
-from pydrake.systems.framework import Context, DependencyTicket, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arguments import checked
-from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
 from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.fusion import FusedCloud
@@ -23,8 +22,8 @@ from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.quantities import Bound, Count, Positive, Whole
 from feasigrasp.models.shape.completion import DEFAULT, complete_shape
-from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.grids import object_grid
+from feasigrasp.models.tracking.sequence import LearntShape
 from feasigrasp.scenario.schema import PerceptionConfig
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional, scalar
 
@@ -35,33 +34,24 @@ MAX_CONTRADICTION = 0.3
 #: show this share of the surface that the earlier ones did: a close look at a part is no reason to
 #: forget the rest. Source: guessed.
 OUTVOTING, OUTVOTING_SHARE = 4, 0.7
+#: Points of a view (n, 3), position of the camera (3,) and outline, all in O.
+_View = tuple[Array, Array, Outline | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Perceived(Frozen):
-    """State of perception.
+class Perceived(LearntShape):
+    """State of perception: the shape merged from the views, and what is wrong with them.
+
+    A view that does not show the object is no fault.
 
     Attributes:
-        cloud: The merged views, in the object frame O.
-        gpdf: The field fitted to them, in O; None until the object was seen.
-        views: From where it has been seen.
-        looked: Time of the last view, merged or not [s].
         contradicted: Whether the last look contradicts the earlier views: then the tracked pose is
             wrong, or another object is seen. The view was not merged.
-        outliers: Points of the merged views that were dropped as outliers.
-        faults: How many views could not be used, by `ViewFault`. A view that does not show the
-            object is none.
         last_fault: What was wrong with the last look, and with what figures; empty if nothing was.
         rival: The views since then that contradict the earlier ones, and not each other.
     """
 
-    cloud: FusedCloud
-    gpdf: Gpdf | None
-    views: ViewRecord = field(default_factory=ViewRecord)
-    looked: float = -np.inf
     contradicted: bool = False
-    outliers: int = 0
-    faults: Counter[ViewFault] = field(default_factory=Counter)
     last_fault: str = ""
     rival: FusedCloud | None = None
 
@@ -71,24 +61,23 @@ class Perceived(Frozen):
         return replace(self, faults=self.faults + Counter([fault]), last_fault=text)
 
 
-def declare_perceived(
-    system: LeafSystem, perceived: Callable[[Context], Perceived], state: set[DependencyTicket]
-) -> None:
+def declare_perceived(system: LeafSystem, state: PeriodicState) -> None:
     """The output ports ``gpdf``, ``perceived``, ``view_time`` and ``view_faults`` of a perception.
 
-    See `PointCloudToGPDF` for what they are; ``perceived`` depends on ``state``.
+    See `PointCloudToGPDF` for what they are; the ``state`` is a `Perceived`.
     """
 
     def view_time(context: Context) -> float:
-        times = perceived(context).views.times
+        times = state.Eval(context).views.times
         return times[-1] if len(times) else np.nan
 
-    declare_output(system, "gpdf", lambda context: perceived(context).gpdf, state)
-    declare_output(system, "perceived", perceived, state)
-    declare_output(system, "view_time", view_time, state, size=1)
-    declare_output(
-        system, "view_faults", lambda context: perceived(context).faults.total(), state, size=1
-    )
+    def view_faults(context: Context) -> int:
+        return state.Eval(context).faults.total()
+
+    declare_output(system, "gpdf", lambda context: state.Eval(context).gpdf, {state})
+    declare_output(system, "perceived", state.Eval, {state})
+    declare_output(system, "view_time", view_time, {state}, size=1)
+    declare_output(system, "view_faults", view_faults, {state}, size=1)
 
 
 class PointCloudToGPDF(LeafSystem):
@@ -136,7 +125,6 @@ class PointCloudToGPDF(LeafSystem):
         views_per_side: Whole = 3,
         revisit: Bound = 5.0,
         check: Positive = 1.0,
-        min_points: Count = 4 * MIN_POINTS,
     ) -> None:
         """A perception that looks every ``period`` seconds.
 
@@ -151,7 +139,6 @@ class PointCloudToGPDF(LeafSystem):
             views_per_side: Number of views from one direction that suffices, see `ViewRecord`.
             revisit: A side not merged for so long is merged again [s]; infinite for never.
             check: The object is looked at at least this often [s].
-            min_points: A view with fewer finite points is ignored.
         """
         super().__init__()
         nothing = FusedCloud.empty(voxel_size, smooth=preset == DEFAULT)
@@ -168,15 +155,14 @@ class PointCloudToGPDF(LeafSystem):
         }
         self._max_views = max_views
         self._views_per_side, self._revisit, self._check = views_per_side, revisit, check
-        self._min_points = min_points
         self._cloud = declare_input(self, "point_cloud", PointCloud())
         self._image_time = self.DeclareVectorInputPort("image_time", 1)
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
-        self._tracking = declare_input(self, "tracking", Tracking.of_age(0.0, np.inf))
+        self._tracking = declare_input(self, "tracking", kind=Tracking)
         self._outline = declare_input(self, "outline", kind=Outline | None)
-        self._seen = PeriodicState(self, Perceived(nothing, None), period, self._look)
-        declare_perceived(self, self._seen.Eval, {self._seen.ticket()})
+        self._seen = PeriodicState(self, Perceived(nothing), period, self._look)
+        declare_perceived(self, self._seen)
 
     def _look(self, context: Context) -> Perceived:
         seen: Perceived = self._seen.Eval(context)
@@ -192,22 +178,22 @@ class PointCloudToGPDF(LeafSystem):
         time = scalar(self._image_time, context, context.get_time())
         if not np.isfinite(time):
             return seen
-        adds_information = seen.views.adds_information(
-            p_OC, time, self._views_per_side, self._revisit
-        )
-        if not adds_information and time < seen.looked + self._check - 1e-9:
+        enough = self._views_per_side, self._revisit
+        news = seen.views.adds_information(p_OC, time, *enough)
+        if not news and time < seen.looked + self._check - 1e-9:
             return seen
         points_W = self._cloud.Eval(context).xyzs().T
         finite = np.isfinite(points_W).all(axis=1)
-        if len(finite) >= self._min_points and not finite.any():
+        fewest = 4 * MIN_POINTS  # a view with fewer points shows nothing
+        if len(finite) >= fewest and not finite.any():
             return seen.without(ViewFault.NOT_FINITE, f"{len(finite)} points of the object's mask")
         points_O = (X_OW @ points_W[finite].T).T
-        if len(points_O) < self._min_points:
+        if len(points_O) < fewest:
             # Whether the pose is wrong is undecided; the hand has to take a view.
             # A contradiction is forgotten when the object has been out of sight for so long [s].
             doubted = seen.contradicted and time < seen.looked + 2.0 - 1e-9
             return replace(seen, contradicted=doubted)
-        kept, fault, detail = usable_points(points_O, p_OC, self._min_points, seen.cloud.points)
+        kept, fault, detail = usable_points(points_O, p_OC, fewest, seen.cloud.points)
         if fault is None and of_one_depth(points_W[finite], X_WC.GetAsMatrix4()):
             fault, detail = ViewFault.ONE_DEPTH, f"{len(points_O)} points"
         if fault is not None:
@@ -215,44 +201,36 @@ class PointCloudToGPDF(LeafSystem):
         outline: Outline | None = optional(self._outline, context)
         if outline is not None:
             outline = outline.turned((X_OW @ X_WC).rotation().matrix())
-        contradicted = seen.cloud.contradicted(kept, p_OC, outline) > MAX_CONTRADICTION
+        view = kept, p_OC, outline
+        contradicted = seen.cloud.contradicted(*view) > MAX_CONTRADICTION
         looked = replace(seen, looked=time, contradicted=contradicted, last_fault="", rival=None)
         if contradicted:
-            looked = self._doubted(looked, seen.rival, kept, p_OC, outline)
-        if looked.contradicted or not (adds_information or looked.gpdf is None):
+            looked = self._doubted(looked, seen.rival, view)
+        if looked.contradicted or not (news or looked.gpdf is None):
             return looked
-        merged = self._merged(looked, kept, p_OC, outline)
+        merged = self._merged(looked, view)
         return replace(merged, outliers=seen.outliers + len(points_O) - len(kept))
 
-    def _doubted(
-        self,
-        seen: Perceived,
-        rival: FusedCloud | None,
-        points_O: Array,
-        p_OC: Array,
-        outline: Outline | None,
-    ) -> Perceived:
+    def _doubted(self, seen: Perceived, rival: FusedCloud | None, view: _View) -> Perceived:
         """What is known after a view that contradicts it.
 
         Usually the pose is wrong now, and later views agree again. But it may have been wrong when
         the first views were merged: if all that come after agree, those are forgotten.
         """
-        if rival is None or rival.contradicted(points_O, p_OC, outline) > MAX_CONTRADICTION:
+        if rival is None or rival.contradicted(*view) > MAX_CONTRADICTION:
             rival = self._nothing
         enough = len(rival.points) > OUTVOTING_SHARE * len(seen.cloud.points)
         if rival.views + 1 < OUTVOTING or not enough:
-            rival = rival.merged(points_O, p_OC, outline=outline)
-            return replace(seen, rival=rival)
+            return replace(seen, rival=rival.merged(*view[:2], outline=view[2]))
         outvoted = seen.faults + Counter({ViewFault.OUTVOTED: seen.cloud.views})
         return replace(
             seen, cloud=rival, gpdf=None, views=ViewRecord(), contradicted=False, faults=outvoted
         )
 
-    def _merged(
-        self, seen: Perceived, points_O: Array, p_OC: Array, outline: Outline | None
-    ) -> Perceived:
+    def _merged(self, seen: Perceived, view: _View) -> Perceived:
         """What is known after one more view; without it if no field comes of it."""
         try:
+            points_O, p_OC, outline = view
             cloud = seen.cloud.merged(points_O, p_OC, outline=outline)
             if len(cloud.points) < MIN_POINTS or spread_across(cloud.points) < MIN_SPREAD:
                 return seen.without(ViewFault.NO_SURFACE)

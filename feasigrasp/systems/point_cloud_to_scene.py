@@ -75,9 +75,8 @@ class PointCloudToScene(LeafSystem):
         self._pose = declare_input(self, "camera_pose", RigidTransform())
         self._position = self.DeclareVectorInputPort("position", arm.joints)
         nothing = _Surroundings(FusedCloud.empty(resolution), ObservedSpace.unknown(*ARM_BOX))
-        self._seen = PeriodicState(self, nothing, period, self._look)
-        state = {self._seen.ticket()}
-        declare_output(self, "scene", lambda context: self._seen.Eval(context).scene, state)
+        seen = self._seen = PeriodicState(self, nothing, period, self._look)
+        declare_output(self, "scene", lambda context: seen.Eval(context).scene, {seen})
 
     def _look(self, context: Context) -> _Surroundings:
         before: _Surroundings = self._seen.Eval(context)
@@ -115,6 +114,5 @@ class PointCloudToScene(LeafSystem):
         # So much around the arm counts as free with it [m]: half of what it keeps to obstacles. If
         # it were all of it, an arm that stands before unseen space would make room for itself, look
         # by look.
-        return space.occupied_by(
-            center, self._balls.radius + 0.5 * SafetyOptions.obstacle_clearance
-        )
+        around = self._balls.radius + 0.5 * SafetyOptions.obstacle_clearance
+        return space.occupied_by(center, around)

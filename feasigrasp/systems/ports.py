@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from enum import Enum
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import (
+    BasicVector,
     CacheEntry,
     Context,
     DependencyTicket,
@@ -25,9 +27,12 @@ from pydrake.systems.framework import (
 
 from feasigrasp.errors import ArgumentError
 from feasigrasp.models.arguments import Check, check_of
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.quantities import Call, Refusal
 
 Calc = Callable[[Context], Any]
+#: What an output or a cache entry can depend on.
+Source: TypeAlias = "InputPort | ObjectInput | Cached | ObjectState | DependencyTicket"
 _System = TypeVar("_System", bound=System)
 
 
@@ -37,7 +42,6 @@ class Nothing(Enum):
     NOTHING = "nothing"
 
     def __bool__(self) -> Literal[False]:
-        """False, as of None."""
         return False
 
 
@@ -61,6 +65,11 @@ def scalar(port: InputPort, context: Context, default: float) -> float:
     return float(port.Eval(context)[0]) if port.HasValue(context) else default
 
 
+def same_value(a: Any, b: Any) -> bool:
+    """Whether two values of a port are the same object, or equal vectors."""
+    return a is b or (isinstance(a, np.ndarray) and np.array_equal(a, b, equal_nan=True))
+
+
 class ObjectInput:
     """An input port for Python objects of one kind, which refuses others by name when it is read.
 
@@ -68,7 +77,6 @@ class ObjectInput:
     """
 
     def __init__(self, port: InputPort, check: Check) -> None:
-        """The port, and what its values have to pass."""
         self._port, self._check = port, check
 
     def Eval(self, context: Context) -> Any:
@@ -80,10 +88,8 @@ class ObjectInput:
         try:
             return self._check(_read(self._port.Eval(context)), Call())
         except Refusal as refusal:
-            system = type(self._port.get_system()).__name__
-            raise ArgumentError(
-                f"input port {self._port.get_name()} of {system} {refusal}"
-            ) from None
+            port = f"{self._port.get_name()} of {type(self._port.get_system()).__name__}"
+            raise ArgumentError(f"input port {port} {refusal}") from None
 
     def HasValue(self, context: Context) -> bool:
         """Whether something is connected to it."""
@@ -114,7 +120,7 @@ def declare_output(
     system: LeafSystem,
     name: str,
     calc: Calc,
-    prerequisites: set[DependencyTicket] | None = None,
+    prerequisites: Collection[Source] = (),
     *,
     model: Any = None,
     size: int | None = None,
@@ -124,27 +130,44 @@ def declare_output(
     With a ``size`` it is a vector of that length. Without ``prerequisites`` it depends on
     everything.
     """
-    tickets = prerequisites or {system.all_sources_ticket()}
+    tickets = _tickets(prerequisites) or {system.all_sources_ticket()}
     if size is not None:
-        numbers = _kept_by(system, lambda context, to: to.SetFromVector(_numbers(calc(context))))
-        return system.DeclareVectorOutputPort(name, size, numbers, tickets)
+
+        def numbers(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(np.ravel(np.asarray(calc(context), dtype=float)))
+
+        return system.DeclareVectorOutputPort(name, size, _kept_by(system, numbers), tickets)
     setting = _kept_by(system, _setting(calc))
     return system.DeclareAbstractOutputPort(name, to_value(model).Clone, setting, tickets)
 
 
+def declare_pose_and_velocity(
+    system: LeafSystem, calc: Callable[[Context], tuple[Array, Array]], inputs: Collection[Source]
+) -> None:
+    """The output ports ``object_pose`` and ``object_velocity``, of X_WO (4, 4) and V_WO (6,)."""
+
+    def pose(context: Context) -> RigidTransform:
+        return RigidTransform(calc(context)[0])
+
+    def velocity(context: Context) -> SpatialVelocity:
+        return SpatialVelocity(calc(context)[1])
+
+    declare_output(system, "object_pose", pose, inputs, model=RigidTransform())
+    declare_output(system, "object_velocity", velocity, inputs, model=SpatialVelocity.Zero())
+
+
 def declare_cache(
-    system: LeafSystem, name: str, calc: Calc, prerequisites: set[DependencyTicket]
+    system: LeafSystem, name: str, calc: Calc, prerequisites: Collection[Source]
 ) -> Cached:
     """A cache entry with the Python object that ``calc`` returns."""
     producer = ValueProducer(to_value(None).Clone, _kept_by(system, _setting(calc)))
-    return Cached(system, system.DeclareCacheEntry(name, producer, prerequisites))
+    return Cached(system, system.DeclareCacheEntry(name, producer, _tickets(prerequisites)))
 
 
 class Cached:
     """A cache entry of a system, which it does not keep alive as Drake's own handle does."""
 
     def __init__(self, system: LeafSystem, entry: CacheEntry) -> None:
-        """The entry that was declared."""
         self._system, self._index = weakref.ref(system), entry.cache_index()
         self._ticket = entry.ticket()
 
@@ -162,11 +185,10 @@ class Cached:
 class ObjectState:
     """A Python object that is state of a system.
 
-    It is read as ports are, by ``Eval``, and is a prerequisite of others by its ``ticket``.
+    It is read as ports are, by ``Eval``, and a prerequisite of others as they are.
     """
 
     def __init__(self, system: LeafSystem, initial: Any) -> None:
-        """Declares the state."""
         index = system.DeclareAbstractState(to_value(initial))
         self._index, self._ticket = int(index), system.abstract_state_ticket(index)
 
@@ -174,9 +196,13 @@ class ObjectState:
         """Updates it every ``period`` seconds from ``offset`` on to what ``update`` returns."""
 
         def advance(context: Context, state: State) -> None:
-            state.get_mutable_abstract_state(self._index).set_value(_stored(update(context)))
+            self.set(state, update(context))
 
         system.DeclarePeriodicUnrestrictedUpdateEvent(period, offset, _kept_by(system, advance))
+
+    def set(self, to: State | Context, value: Any) -> None:
+        """Sets the object in a state or a context."""
+        to.get_mutable_abstract_state(self._index).set_value(_stored(value))
 
     def Eval(self, context: Context) -> Any:
         """The object at present."""
@@ -188,10 +214,9 @@ class ObjectState:
 
 
 class PeriodicState(ObjectState):
-    """An `ObjectState` that is made anew every ``period`` seconds."""
+    """An `ObjectState` that is every ``period`` seconds what ``update`` returns from then on."""
 
     def __init__(self, system: LeafSystem, initial: Any, period: float, update: Calc) -> None:
-        """Declares the state; ``update`` returns what it is from then on."""
         super().__init__(system, initial)
         self.every(system, period, 0.0, update)
 
@@ -229,8 +254,8 @@ def _setting(calc: Calc) -> Callable[[Context, AbstractValue], None]:
     return lambda context, value: value.set_value(_stored(calc(context)))
 
 
-def _numbers(value: Any) -> NDArray[np.float64]:
-    return np.ravel(np.asarray(value, dtype=float))
+def _tickets(sources: Collection[Source]) -> set[DependencyTicket]:
+    return {s if isinstance(s, DependencyTicket) else s.ticket() for s in sources}
 
 
 def _stored(value: Any) -> Any:

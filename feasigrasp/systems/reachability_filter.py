@@ -53,11 +53,10 @@ class PayloadFilter(LeafSystem):
     """
 
     def __init__(self) -> None:
-        """A filter; what it judges by comes with the grasps."""
         super().__init__()
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._pose = declare_input(self, "object_pose", RigidTransform())
-        declare_output(self, "grasps", self._calc, {self._grasps.ticket(), self._pose.ticket()})
+        declare_output(self, "grasps", self._calc, {self._grasps, self._pose})
 
     def _calc(self, context: Context) -> GraspSet:
         R_WO = self._pose.Eval(context).rotation().matrix()
@@ -94,8 +93,7 @@ class SceneFilter(LeafSystem):
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._scene = declare_input(self, "scene", kind=SceneField | None)
-        inputs = {self._grasps.ticket(), self._pose.ticket(), self._scene.ticket()}
-        declare_output(self, "grasps", self._calc, inputs)
+        declare_output(self, "grasps", self._calc, {self._grasps, self._pose, self._scene})
 
     def _calc(self, context: Context) -> GraspSet:
         grasps: GraspSet = self._grasps.Eval(context)
@@ -105,10 +103,8 @@ class SceneFilter(LeafSystem):
         X_WO = self._pose.Eval(context).GetAsMatrix4()
         if not np.isfinite(X_WO).all():
             return grasps.select(np.zeros(len(grasps), dtype=bool), Rejection.UNKNOWN_POSE)
-        for judge, reason in (
-            (scene_clear, Rejection.HITS_SCENE),
-            (unobserved_clear, Rejection.UNOBSERVED),
-        ):
+        tests = (scene_clear, Rejection.HITS_SCENE), (unobserved_clear, Rejection.UNOBSERVED)
+        for judge, reason in tests:
             X_WG = X_WO @ grasps.X_OG
             clear = judge(scene, X_WG, self._gripper, self._margin)
             if self._either:
@@ -167,11 +163,10 @@ class ReachabilityFilter(LeafSystem):
         none = np.zeros(0, dtype=np.int64)
         kept = PeriodicState(self, none, period, lambda context: judged.Eval(context).grasps.id)
         self._kept_before = kept
-        inputs = {self._grasps.ticket(), self._kept_before.ticket(), *self._now.tickets}
+        inputs = {self._grasps, kept, *self._now.sources}
         judged = declare_cache(self, "judged", self._calc_judged, inputs)
-        of_judged = {judged.ticket()}
-        declare_output(self, "grasps", lambda context: judged.Eval(context).grasps, of_judged)
-        declare_output(self, "verdicts", lambda context: judged.Eval(context).verdicts, of_judged)
+        declare_output(self, "grasps", lambda context: judged.Eval(context).grasps, {judged})
+        declare_output(self, "verdicts", lambda context: judged.Eval(context).verdicts, {judged})
 
     def _calc_judged(self, context: Context) -> JudgedGrasps:
         now = self._now.situation(context)
@@ -195,20 +190,15 @@ class _SituationInputs:
         self._position = system.DeclareVectorInputPort("position", n)
         self._velocity = system.DeclareVectorInputPort("desired_velocity", n)
         ports = self._pose, self._twist, self._motion, self._position, self._velocity
-        self.tickets = {system.time_ticket(), *(port.ticket() for port in ports)}
+        self.sources = {system.time_ticket(), *ports}
 
     def situation(self, context: Context) -> Situation:
         """What they hold."""
         q, v = self._position.Eval(context), optional(self._velocity, context)
-        return Situation(
-            context.get_time(),
-            q,
-            np.zeros_like(q) if v is None else v,
-            self._pose.Eval(context).GetAsMatrix4(),
-            self._twist.Eval(context).get_coeffs(),
-            optional(self._motion, context),
-            self._prediction,
-        )
+        v = np.zeros_like(q) if v is None else v
+        X_WO, V_WO = self._pose.Eval(context).GetAsMatrix4(), self._twist.Eval(context).get_coeffs()
+        motion = optional(self._motion, context)
+        return Situation(context.get_time(), q, v, X_WO, V_WO, motion, self._prediction)
 
 
 class FeasiblePoses(LeafSystem):
@@ -241,7 +231,7 @@ class FeasiblePoses(LeafSystem):
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._now = _SituationInputs(self, reachability, prediction)
-        inputs = {self._grasps.ticket(), self._gpdf.ticket(), *self._now.tickets}
+        inputs = {self._grasps, self._gpdf, *self._now.sources}
         declare_output(self, "feasibility", self._calc, inputs)
 
     def _calc(self, context: Context) -> Feasibility | None:

@@ -54,7 +54,7 @@ class VelocityDrive(LeafSystem):
         self.DeclareStateOutputPort("desired_state", state)
         self.DeclareStateOutputPort("command_faults", faults)
         ticket = {self.discrete_state_ticket(state)}
-        declare_output(self, "desired_velocity", self._calc_velocity, ticket, size=n)
+        declare_output(self, "desired_velocity", lambda context: _kept(context)[n:], ticket, size=n)
         self.DeclareInitializationDiscreteUpdateEvent(weakly(self._initialize))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._update))
         zero = np.zeros(n)
@@ -64,14 +64,10 @@ class VelocityDrive(LeafSystem):
         q = self._position.Eval(context)
         discrete_state.get_mutable_vector(0).SetFromVector(np.concatenate([q, np.zeros(len(q))]))
 
-    def _calc_velocity(self, context: Context) -> Array:
-        return context.get_discrete_state(0).value()[self._arm.joints :]
-
     def _update(self, context: Context, discrete_state) -> None:
-        q, v = np.split(context.get_discrete_state(0).value(), 2)
-        desired, fault = self._step(
-            q, v, self._velocity.Eval(context), self._position.Eval(context)
-        )
+        q, v = np.split(_kept(context), 2)
+        command, measured = self._velocity.Eval(context), self._position.Eval(context)
+        desired, fault = self._step(q, v, command, measured)
         discrete_state.get_mutable_vector(0).SetFromVector(desired)
         faults = context.get_discrete_state(1).value() + fault
         discrete_state.get_mutable_vector(1).SetFromVector(faults)
@@ -84,3 +80,8 @@ class VelocityDrive(LeafSystem):
         bounds = self._period, self.MAX_LEAD, self._speed
         fault = drive_step_kernel(self._arm.chain, q, v, command, measured, bounds, q_next, v_next)
         return desired, fault
+
+
+def _kept(context: Context) -> Array:
+    """The last desired state."""
+    return context.get_discrete_state(0).value()

@@ -16,7 +16,7 @@ _POSITION = "station.arm.position_measured"
 _FINGERS = "station.gripper.state_measured"
 
 #: Images of perception's two cameras, and the measured arm at their instant.
-_CAMERA = {
+CAMERA = {
     "point_cloud": "cloud",
     "color_image": "color",
     "depth_image": "depth",
@@ -59,12 +59,8 @@ _CONTROLLER = {
 #: By system and input port: where it comes from.
 CONNECTIONS: dict[str, dict[str, str]] = {
     # Images -> the object's points -> its pose and its completed surface.
-    "foreground": _CAMERA | _TRACKED,
-    "segmentation": {
-        "point_cloud": "cloud",
-        "label_image": "labels",
-        "depth_image": "depth",
-    },
+    "foreground": CAMERA | _TRACKED,
+    "segmentation": {"point_cloud": "cloud", "label_image": "labels", "depth_image": "depth"},
     "second_foreground": _SECOND | _TRACKED,
     "second_segmentation": {
         "point_cloud": "second.point_cloud",
@@ -87,7 +83,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "track": "remote_tracker.track",
     },
     "remote_tracker": {
-        **_CAMERA,
+        **CAMERA,
         **{f"second_{name}": source for name, source in _SECOND.items()},
         "stamp": "camera.stamp",
         "perceived": "perception.perceived",
@@ -153,10 +149,7 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "lapsed": "lapsed.sum",
         "arrival": "controller.arrival",
     },
-    "contact_sense": {
-        "torque_external": "station.arm.torque_external",
-        "phase": "sequencer.phase",
-    },
+    "contact_sense": {"torque_external": "station.arm.torque_external", "phase": "sequencer.phase"},
     "planner": _CONTROLLER,
     "controller": _CONTROLLER,
     "drive": {"velocity": "velocity", "position": _POSITION},

@@ -68,10 +68,11 @@ def test_its_label_image_fits_the_port_of_the_point_cloud(dut, fixed_context):
     context = fixed_context(dut, **inputs(cloud))
     labels = dut.GetOutputPort("label_image").Eval(context)
     assert set(np.unique(labels.data)) <= {int(label) for label in Label}
-    segment = SegmentPointCloud(Label.OBJECT, edge_jump=None)
+    segment = SegmentPointCloud(Label.OBJECT)
     of_object = fixed_context(segment, point_cloud=cloud, label_image=labels)
     kept = segment.GetOutputPort("point_cloud").Eval(of_object)
-    assert kept.size() == np.count_nonzero(labels.data[:, :, 0] == Label.OBJECT)
+    labelled = np.count_nonzero(labels.data[:, :, 0] == Label.OBJECT)
+    assert 0.8 * labelled < kept.size() <= labelled  # but for its edges
     assert kept.size() > 0.5 * shown.sum()
 
 

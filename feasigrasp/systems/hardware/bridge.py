@@ -79,7 +79,6 @@ class Bridge:
     """Passes states on to guard and controller, and the guard's commands to the arm."""
 
     def __init__(self, lcm: DrakeLcm, driver: Driver) -> None:
-        """Between the bus of guard and controller, and a driver."""
         self._lcm, self._driver = lcm, driver
         self._q, self._joints, self._rested, self._ended = np.zeros(0), 0, 0, False
         self._subscription = channels.subscribe(lcm, channels.IIWA_COMMAND, self._command)

@@ -106,14 +106,8 @@ def add_publisher(
     offset: float = 0.0,
 ) -> None:
     """Adds what sends the messages of a port, every ``period`` [s] from ``offset`` [s] on."""
-    publisher = LcmPublisherSystem.Make(
-        channel,
-        kind,
-        lcm,
-        publish_period=period,
-        publish_offset=offset,
-        use_cpp_serializer=kind not in _OF_PYTHON,
-    )
+    native, times = kind not in _OF_PYTHON, {"publish_period": period, "publish_offset": offset}
+    publisher = LcmPublisherSystem.Make(channel, kind, lcm, use_cpp_serializer=native, **times)
     add_connected(builder, channel, publisher, message)
 
 
@@ -159,8 +153,6 @@ def _is_bus(url: str) -> bool:
 
 #: Largest message [bytes]: uncompressed depth and mask of 2560 x 1600 pixels. Source: reasoned.
 LARGEST = 16_384_000
-#: Most images and coordinates of a message. Source: reasoned: more than any driver sends.
-IMAGES, COORDINATES = 8, 64
 #: Largest distance or opening of a message [m]. Source: reasoned: no cell is larger.
 FARTHEST = 100.0
 _TYPES = {
@@ -187,25 +179,22 @@ def decode(kind: type, data: bytes, joints: int = IIWA_7.joints) -> Any | None:
 
 
 def _is_possible(message: Any, joints: int) -> bool:
+    most_images, most_coordinates = 8, 64  # more than any driver sends
     if isinstance(message, lcmt_iiwa_command):
-        finite = bool(np.isfinite(message.joint_position).all())
-        return message.num_joints == joints and finite
+        used = [message.joint_position]
+        return message.num_joints == joints and bool(np.isfinite(used).all())
     if isinstance(message, lcmt_iiwa_status):
-        used = (
-            message.joint_position_measured,
-            message.joint_velocity_estimated,
-            message.joint_torque_external,
-        )
+        used = [message.joint_position_measured, message.joint_velocity_estimated]
+        used.append(message.joint_torque_external)
         return message.num_joints == joints and bool(np.isfinite(used).all())
     if isinstance(message, lcmt_schunk_wsg_status):
         values = message.actual_position_mm, message.actual_speed_mm_per_s, message.actual_force
         return bool((np.abs(values) <= 1e3 * FARTHEST).all())
     if isinstance(message, lcmt_robot_state):  # positions that are not finite say so
-        return message.num_joints <= COORDINATES and not any(
-            abs(x) > FARTHEST for x in message.joint_position
-        )
+        few, used = message.num_joints <= most_coordinates, message.joint_position
+        return few and all(not abs(x) > FARTHEST for x in used)
     if isinstance(message, lcmt_image_array):
-        return 0 <= message.num_images <= IMAGES
+        return 0 <= message.num_images <= most_images
     return True
 
 

@@ -21,9 +21,8 @@ from feasigrasp.systems.hardware.channels import decode
 from feasigrasp.systems.hardware.station import HardwareStation
 from feasigrasp.systems.remote.remote_stage import remote_stages
 
-#: Every message begins with the fingerprint of its type, of 8 bytes; then comes the time stamp
-#: [us], but for images, which have a running number of 4 bytes before it. Source: definition: LCM.
-_FINGERPRINT, _NUMBER, _STAMP = 8, 4, struct.Struct(">q")
+#: A time stamp in a message [us].
+_STAMP = struct.Struct(">q")
 #: How far a stamp may be ahead of the last one and the time since [s], and ahead of the last arm
 #: status at all: the pipeline would have to make up for more. Source: reasoned.
 AHEAD, FARTHEST = 0.25, 2.5
@@ -58,10 +57,9 @@ class Intake:
         """
         self._lcm, self._inbox, self._joints = lcm, inbox, joints
         self.zero = 0
-        self._stamp_at = {
-            channel: _FINGERPRINT + (_NUMBER if kind is lcmt_image_array else 0)
-            for channel, kind in kinds.items()
-        }
+        # A message begins with the fingerprint of its type, 8 bytes; then comes the stamp, but for
+        # images, which have a running number of 4 bytes before it.
+        self._stamp_at = {k: 12 if kind is lcmt_image_array else 8 for k, kind in kinds.items()}
         self._newest: dict[str, tuple[int, bytes]] = {}
         self._utime: dict[str, int] = {}
         self._pictures: dict[str, list[bytes]] = {}
@@ -111,10 +109,9 @@ class Intake:
             return
         self._utime[channel] = stamped.utime
         if isinstance(message, lcmt_image_array):
-            pictures = [image.data for image in message.images]
-            frozen = bool(pictures) and pictures == self._pictures.get(channel)
+            before, pictures = self._pictures.get(channel), [each.data for each in message.images]
             self._pictures[channel] = pictures
-            if frozen:  # noise makes two images of a camera differ, whatever they show
+            if pictures and pictures == before:  # noise makes two images of a camera differ
                 self.dropped[channel] += 1
                 return
         if kind is lcmt_iiwa_status:
@@ -206,7 +203,8 @@ class ControlLoop:
                 self.intake.skip()
             utime = self.intake.oldest()
         if self.started:
-            self._publish()
+            request = self._station.request
+            request.ForcedPublish(request.GetMyContextFromRoot(self.simulator.get_context()))
 
     def _begin(self, utime: int) -> None:
         """Starts the pipeline, whose time is zero from now on."""
@@ -249,7 +247,3 @@ class ControlLoop:
                 )
             self.intake.receive(min(0.05, timeout))
         return utime
-
-    def _publish(self) -> None:
-        request = self._station.request
-        request.ForcedPublish(request.GetMyContextFromRoot(self.simulator.get_context()))

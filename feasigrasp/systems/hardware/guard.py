@@ -21,11 +21,9 @@ from feasigrasp.systems.hardware.channels import decode
 from feasigrasp.systems.hardware.guarded_cell import GuardedCell
 from feasigrasp.systems.hardware.priority import Priority, real_time
 
-#: For so long a guard listens whether there is another one [s]. Source: guessed.
-LISTENS = 0.1
-#: How many of its commands it remembers, and how many in a row that come twice are of another
-#: sender that does the same. Source: guessed.
-KEPT, DOUBLED = 64, 10
+#: A guard answers a status within this share of a cycle, or leaves the arm to its standby.
+#: Source: reasoned: what is left of the cycle is enough for a command that is ready.
+ANSWER = 0.6
 _RIVAL = (
     f"messages on {channels.IIWA_COMMAND}: somebody commands this arm already; with a 'feasigrasp "
     "guard' that serves, give --no-guard to the controller"
@@ -37,11 +35,7 @@ _CONTESTED = (
 #: Signals that have their usual effect: those that cannot be caught, do nothing by default, or say
 #: that this process itself is broken.
 _USUAL = {"KILL", "STOP", "CHLD", "CONT", "URG", "WINCH", "SEGV", "BUS", "FPE", "ILL", "PIPE"}
-
-
-#: A guard answers a status within this share of a cycle, or leaves the arm to its standby.
-#: Source: reasoned: what is left of the cycle is enough for a command that is ready.
-ANSWER = 0.6
+_Clock = Callable[[], float]
 
 
 class Guard:
@@ -55,7 +49,7 @@ class Guard:
         self,
         lcm: DrakeLcm,
         guard: CommandGuard | None = None,
-        clock: Callable[[], float] | None = None,
+        clock: _Clock | None = None,
         *,
         backed: bool = False,
     ) -> None:
@@ -150,27 +144,24 @@ class Guard:
         self._sent[data] += 1
         if self._sent[data] == 2:
             self._doubled += 1
-            self._rival |= self._doubled >= DOUBLED
+            self._rival |= self._doubled >= 10  # in a row
 
     def _request(self, data: bytes) -> None:
         if self._dismissed or self._rival:
             return
         request = decode(lcmt_iiwa_command, data, self._guard.joints)
-        if request is None:
-            self.dropped[channels.IIWA_REQUEST] += 1
-            return
-        q = np.array(request.joint_position)
-        self.dropped[channels.IIWA_REQUEST] += not self._guard.request(1e-6 * request.utime, q)
+        used = request is not None and self._guard.request(
+            1e-6 * request.utime, np.array(request.joint_position)
+        )
+        self.dropped[channels.IIWA_REQUEST] += not used
 
     def _answer(self, data: bytes) -> None:
         status = decode(lcmt_iiwa_status, data, self._guard.joints)
         if status is None or status.utime < 0:
             self.dropped[channels.IIWA_STATUS] += 1
             return
-        measured, held = (
-            np.array(each)
-            for each in (status.joint_position_measured, status.joint_position_commanded)
-        )
+        measured = np.array(status.joint_position_measured)
+        held = np.array(status.joint_position_commanded)
         if self._gives_way():
             # Until the standby has braked: the driver holds one position for three cycles.
             self._quiet = self._quiet + 1 if np.array_equal(held, self._held) else 0
@@ -179,11 +170,10 @@ class Guard:
         if not self._guard.moving:
             self._idle_at = self._clock()
         q = self._guard.command(1e-6 * status.utime, measured, held, self._clock())
-        if q is None:
-            return
-        self._utime = status.utime
-        self._send(q)
-        self._answered_at = self._clock()
+        if q is not None:
+            self._utime = status.utime
+            self._send(q)
+            self._answered_at = self._clock()
 
     def _send(self, q: Array) -> None:
         command = lcmt_iiwa_command()
@@ -193,7 +183,7 @@ class Guard:
         if self._sent and next(reversed(self._sent.values())) < 2:
             self._doubled = 0
         self._sent[encoded] = 0
-        if len(self._sent) > KEPT:
+        if len(self._sent) > 64:  # so many are remembered
             self._sent.popitem(last=False)
         self._lcm.Publish(channels.IIWA_COMMAND, encoded)
 
@@ -205,12 +195,8 @@ class Standby(Guard):
     """
 
     def __init__(
-        self,
-        lcm: DrakeLcm,
-        guard: CommandGuard | None = None,
-        clock: Callable[[], float] | None = None,
+        self, lcm: DrakeLcm, guard: CommandGuard | None = None, clock: _Clock | None = None
     ) -> None:
-        """The arguments are those of `Guard`."""
         super().__init__(lcm, guard, clock)
         self._in_place, self._due = False, 0.0
         self._ready: Array | None = None
@@ -256,7 +242,7 @@ def refuse_if_commanded(lcm: DrakeLcm) -> None:
     """
     received: deque[bytes] = deque(maxlen=1)  # the bus never ends a subscription
     lcm.Subscribe(channels.IIWA_COMMAND, received.append)
-    deadline = time.monotonic() + LISTENS
+    deadline = time.monotonic() + 0.1  # many cycles of the driver
     while time.monotonic() < deadline and not received:
         lcm.HandleSubscriptions(10)
     if received:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 from pydrake.systems.sensors import (
     CameraConfig,
     ConvertDepth32FTo16U,
@@ -57,12 +57,12 @@ class RgbdReceiver(LeafSystem):
         super().__init__()
         self._shape = (height, width)
         self._message = self.DeclareAbstractInputPort("message", Value(lcmt_image_array()))
-        decoded = declare_cache(self, "images", self._decode, {self._message.ticket()})
-        self._decoded, ticket = decoded, {decoded.ticket()}
+        self._decoded = declare_cache(self, "images", self._decode, {self._message})
+        decoded = {self._decoded}
         depth, labels = ImageDepth32F(width, height), ImageLabel16I(width, height)
-        declare_output(self, "depth_image", self._calc_depth, ticket, model=depth)
-        declare_output(self, "label_image", self._calc_labels, ticket, model=labels)
-        declare_output(self, "stamp", self._calc_stamp, ticket, size=1)
+        declare_output(self, "depth_image", self._calc_depth, decoded, model=depth)
+        declare_output(self, "label_image", self._calc_labels, decoded, model=labels)
+        declare_output(self, "stamp", self._calc_stamp, decoded, size=1)
 
     def _decode(self, context: Context) -> dict[int, NDArray[np.generic]]:
         """The images of the message that can be used, by pixel format."""
@@ -129,8 +129,7 @@ class _ImageMessage(LeafSystem):
 
     def __init__(self, camera: CameraConfig, *, mask: bool) -> None:
         super().__init__()
-        size = camera.width, camera.height
-        self._compress = camera.do_compress
+        size, self._compress = (camera.width, camera.height), camera.do_compress
         self._millimetres = ImageDepth16U(*size)
         self._depth = declare_input(self, "depth_image", ImageDepth32F(*size))
         self._labels = declare_input(self, "label_image", ImageLabel16I(*size)) if mask else None
@@ -160,11 +159,8 @@ class _ImageMessage(LeafSystem):
         data = pixels.astype(pixels.dtype.newbyteorder("<")).tobytes()
         image.data = zlib.compress(data) if self._compress else data
         image.size = len(image.data)
-        image.compression_method = (
-            lcmt_image.COMPRESSION_METHOD_ZLIB
-            if self._compress
-            else lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED
-        )
+        plain, zipped = image.COMPRESSION_METHOD_NOT_COMPRESSED, image.COMPRESSION_METHOD_ZLIB
+        image.compression_method = zipped if self._compress else plain
         return image
 
 
@@ -204,7 +200,6 @@ class ObjectPoseSender(LeafSystem):
     """
 
     def __init__(self, config: TrackerConfig) -> None:
-        """A system as ``config`` describes it."""
         super().__init__()
         self._config = config
         self._pose = declare_input(self, "pose", RigidTransform())
@@ -213,14 +208,13 @@ class ObjectPoseSender(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, weakly(self._measure))
         declare_output(self, "message", self._calc, state, model=lcmt_robot_state())
 
-    def _measure(self, context: Context, state) -> EventStatus:
+    def _measure(self, context: Context, state) -> None:
         rows, time = context.get_discrete_state_vector().value(), context.get_time()
         X_WO = measured_pose(self._pose.Eval(context).GetAsMatrix4(), time, self._config)
         row = rows[:_ROW]  # one that is lost: the same once more
         if X_WO is not None:
             row = np.concatenate([[time], se3.quaternions(X_WO), X_WO[:3, 3]])
         state.get_mutable_vector().SetFromVector(np.concatenate([row, rows[:-_ROW]]))
-        return EventStatus.Succeeded()
 
     def _calc(self, context: Context) -> lcmt_robot_state:
         time, *values = context.get_discrete_state_vector().value()[-_ROW:]
@@ -241,12 +235,10 @@ class ObjectPoseReceiver(LeafSystem):
     """
 
     def __init__(self) -> None:
-        """A receiver of one object's pose."""
         super().__init__()
         self._message = self.DeclareAbstractInputPort("message", Value(lcmt_robot_state()))
-        ticket = {self._message.ticket()}
-        declare_output(self, "pose", self._calc_pose, ticket, model=RigidTransform())
-        declare_output(self, "stamp", self._calc_stamp, ticket, size=1)
+        declare_output(self, "pose", self._calc_pose, {self._message}, model=RigidTransform())
+        declare_output(self, "stamp", self._calc_stamp, {self._message}, size=1)
 
     def _calc_pose(self, context: Context) -> RigidTransform:
         message = self._message.Eval(context)

@@ -20,13 +20,7 @@ from pydrake.manipulation import (
     SchunkWsgStatusSender,
 )
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import (
-    Context,
-    Diagram,
-    DiagramBuilder,
-    EventStatus,
-    LeafSystem,
-)
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import (
     ConstantVectorSource,
     LogVectorOutput,
@@ -68,7 +62,6 @@ class SimulatedIiwaDriver(LeafSystem):
     """
 
     def __init__(self, arm: Arm = IIWA_7) -> None:
-        """A driver with the period of the iiwa's."""
         super().__init__()
         self._arm = arm
         self._position = self.DeclareVectorInputPort("position", arm.joints)
@@ -80,16 +73,17 @@ class SimulatedIiwaDriver(LeafSystem):
         self.DeclareInitializationDiscreteUpdateEvent(weakly(self._update))
         self.DeclarePeriodicDiscreteUpdateEvent(IIWA_PERIOD, 0.0, weakly(self._update))
 
-    def _update(self, context: Context, state) -> EventStatus:
+    def _update(self, context: Context, state) -> None:
         stopped = context.get_discrete_state(1).value()[0]
         beyond = np.abs(self._torque.Eval(context)) > self._arm.driver.external_torque
-        if stopped == 0.0 and not beyond.any():
+        if stopped != 0.0:
+            return
+        if not beyond.any():
             driver = self._arm.driver
             command = np.clip(self._position.Eval(context), driver.lower, driver.upper)
             state.get_mutable_vector(0).SetFromVector(command)
-        elif stopped == 0.0:
+        else:
             state.get_mutable_vector(1).SetFromVector([1.0 + np.argmax(beyond)])
-        return EventStatus.Succeeded()
 
 
 class Handover(LeafSystem):
@@ -116,7 +110,6 @@ class Handover(LeafSystem):
     _LATE = 0.3
 
     def __init__(self, config: GraspSequenceConfig, gripper: Gripper) -> None:
-        """A carrier with a given duration of a grasp."""
         super().__init__()
         self._config, self._gripper = config, gripper
         self._target = self.DeclareVectorInputPort("target", 1)
@@ -124,16 +117,12 @@ class Handover(LeafSystem):
         # Phase, since when; pressing and asked to let go since when.
         state = self.DeclareDiscreteState([0.0, 0.0, np.nan, np.nan])
         self.DeclarePeriodicDiscreteUpdateEvent(self.PERIOD, 0.0, weakly(self._update))
-        ticket = {self.discrete_state_ticket(state)}
-        declare_output(
-            self, "gripper_position", self._calc_gripper, {self._target.ticket()}, size=1
-        )
-        declare_output(
-            self, "object_hold", lambda context: np.isnan(_kept(context)[3]), ticket, size=1
-        )
-        declare_output(self, "phase", lambda context: _kept(context)[0], ticket, size=1)
+        kept = {self.discrete_state_ticket(state)}
+        declare_output(self, "gripper_position", self._calc_gripper, {self._target}, size=1)
+        declare_output(self, "object_hold", lambda of: np.isnan(_kept(of)[3]), kept, size=1)
+        declare_output(self, "phase", lambda context: _kept(context)[0], kept, size=1)
 
-    def _update(self, context: Context, state) -> EventStatus:
+    def _update(self, context: Context, state) -> None:
         phase, since, pressing, asked = _kept(context)
         t, config = context.get_time(), self._config
         elapsed = t - since
@@ -163,7 +152,6 @@ class Handover(LeafSystem):
         if after is not None:
             kept = [float(after), t, np.nan, np.nan if after <= Phase.CLOSE else asked]
         state.get_mutable_vector().SetFromVector(kept)
-        return EventStatus.Succeeded()
 
     def _calc_gripper(self, context: Context) -> float:
         opening = self._target.Eval(context)[0]
@@ -213,7 +201,6 @@ class _Messages(LeafSystem):
     """
 
     def __init__(self, lcm: DrakeLcm) -> None:
-        """The bus."""
         super().__init__()
         self._lcm = lcm
         self.DeclarePerStepDiscreteUpdateEvent(weakly(self._take))

@@ -167,10 +167,8 @@ class HardwareStation(ArmPorts):
         messages = add_subscriber(builder, channel, lcmt_image_array, self._inbox)
         images = RgbdReceiver(camera.width, camera.height)
         add_connected(builder, f"{name}_images", images, messages)
-        shown = {
-            port: images.GetOutputPort(port) for port in ("depth_image", "label_image", "stamp")
-        }
-        ports = {}
+        names = ("depth_image", "label_image", "stamp")
+        shown, ports = {port: images.GetOutputPort(port) for port in names}, {}
         for what, now in measured.items():
             then = PositionAt(period, now.size())
             add_connected(builder, f"{name}_{what}", then, now, measured_at, shown["stamp"])

@@ -12,9 +12,6 @@ from pydrake.systems.sensors import ImageLabel16I, ImageRgba8U
 from feasigrasp.models.arrays import Mask
 from feasigrasp.systems.ports import declare_input, weakly
 
-#: Colour that the object's pixels are mixed with, and the share of it. Source: layout.
-TINT, TINT_SHARE = np.array([255.0, 140.0, 0.0]), 0.45
-
 
 class Picture(NamedTuple):
     """A stored picture: when it was taken [s], and the bytes of its JPEG."""
@@ -36,7 +33,6 @@ class CameraPictures(LeafSystem):
     """
 
     def __init__(self, label: int) -> None:
-        """Takes pictures with the object of that label."""
         super().__init__()
         self._label = label
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
@@ -45,9 +41,8 @@ class CameraPictures(LeafSystem):
         self.DeclareInitializationPublishEvent(weakly(self._clear))
         self.DeclarePeriodicPublishEvent(0.25, 0.0, weakly(self._take))
 
-    def _clear(self, context: Context) -> EventStatus:
+    def _clear(self, context: Context) -> None:
         self.pictures.clear()
-        return EventStatus.Succeeded()
 
     def _take(self, context: Context) -> EventStatus:
         color = self._color.Eval(context).data[:, :, :3]
@@ -63,11 +58,10 @@ def jpeg(color: NDArray[np.uint8], mask: Mask, width: int = 240) -> bytes:
 
     Colors (h, w, 3) are tinted where the mask (h, w) is; the width is at most ``width`` [px].
     """
-    quality = 60
     tinted = color.astype(float)
-    tinted[mask] += TINT_SHARE * (TINT - tinted[mask])
+    tinted[mask] += 0.45 * (np.array([255.0, 140.0, 0.0]) - tinted[mask])  # orange
     image = Image.fromarray(tinted.astype(np.uint8))
     image.thumbnail((width, width))
     file = io.BytesIO()
-    image.save(file, "JPEG", quality=quality)
+    image.save(file, "JPEG", quality=60)
     return file.getvalue()

@@ -1,7 +1,7 @@
 """Detects unexpected contact by the arm's external joint torques."""
 
 import numpy as np
-from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.planning.touch import touch_state, touch_step_kernel
@@ -44,7 +44,7 @@ class ContactSense(LeafSystem):
         touch_step_kernel(self._arm.chain, state, torque, self._period, after)
         return after
 
-    def _update(self, context: Context, discrete) -> EventStatus:
+    def _update(self, context: Context, discrete) -> None:
         state = _state(context)
         if self._phase.Eval(context)[0] != Phase.APPROACH:
             after = state.copy()
@@ -52,7 +52,6 @@ class ContactSense(LeafSystem):
         else:
             after = self._update_state(state, self._torque.Eval(context))
         discrete.set_value(after)
-        return EventStatus.Succeeded()
 
 
 def _state(context: Context) -> Array:

@@ -6,7 +6,6 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem
 
 from feasigrasp.models.arrays import Array, Indices, Mask
-from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.grasps.glyphs import (
     disc,
     frames_along,
@@ -27,9 +26,6 @@ from feasigrasp.systems.station.station import Station
 REACHABLE, DROPPED = Rgba(0.10, 0.80, 0.25), Rgba(0.35, 0.35, 0.40, 0.4)
 #: Colours of completed surface that was seen, and that was made up. Source: layout.
 SEEN, INVENTED = np.array([0.10, 0.50, 1.0]), np.array([1.0, 0.15, 0.55])
-#: Radius of the discs that show the completed surface, and how far outside it they lie [m]. Source:
-#: layout.
-DISC_RADIUS, DISC_LIFT = 0.0045, 0.001
 #: Meshcat path of what is perceived; its frame is the object frame O.
 PATH = "/drake/perceived"
 
@@ -87,7 +83,6 @@ class GraspVisualizer(LeafSystem):
     MAX_REACHABLE, MAX_DROPPED = 8, 4
 
     def __init__(self, meshcat: Meshcat, gripper: Gripper) -> None:
-        """A visualizer of one object's grasps, with glyphs of the gripper."""
         super().__init__()
         self._meshcat = meshcat
         self._glyph = gripper_glyph(gripper)
@@ -95,8 +90,7 @@ class GraspVisualizer(LeafSystem):
         self._good = _Flipbook(meshcat, f"{PATH}/grasps/reachable")
         self._bad = _Flipbook(meshcat, f"{PATH}/grasps/dropped")
         self._forget()
-        nothing = Perceived(FusedCloud.empty(1.0), None)
-        self._perceived = declare_input(self, "perceived", nothing)
+        self._perceived = declare_input(self, "perceived", kind=Perceived)
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._reachable = declare_input(self, "reachable", GraspSet.empty())
         self._phase = self.DeclareVectorInputPort("phase", 1)
@@ -112,11 +106,10 @@ class GraspVisualizer(LeafSystem):
         self._ordered: tuple[GraspSet | None, Indices] = (None, np.zeros(0, np.int64))
         self._drawn_grasps: bytes | None = None
 
-    def _clear(self, context: Context) -> EventStatus:
+    def _clear(self, context: Context) -> None:
         for book in (self._cloud, self._good, self._bad):
             book.clear()
         self._forget()
-        return EventStatus.Succeeded()
 
     def _move(self, context: Context) -> EventStatus:
         X_WO = self._pose.Eval(context)
@@ -125,9 +118,12 @@ class GraspVisualizer(LeafSystem):
         self._meshcat.SetTransform(PATH, X_WO, context.get_time())
         return EventStatus.Succeeded()
 
-    def _draw(self, context: Context) -> EventStatus:
+    def _draw(self, context: Context) -> None:
         time = context.get_time()
-        self._draw_surface(time, self._perceived.Eval(context))
+        gpdf = self._perceived.Eval(context).gpdf
+        if gpdf is not None and gpdf is not self._drawn_gpdf:
+            self._drawn_gpdf = gpdf
+            draw_surface(self._meshcat, self._cloud.turn(time), gpdf)
         grasps, reachable = self._grasps.Eval(context), self._reachable.Eval(context)
         match Phase(int(self._phase.Eval(context)[0])):
             case Phase.APPROACH:
@@ -144,13 +140,6 @@ class GraspVisualizer(LeafSystem):
                 self._draw_grasps(time, reachable.X_OG[:1], reachable.X_OG[:0])
             case _:
                 self._draw_grasps(time, reachable.X_OG[:0], reachable.X_OG[:0])
-        return EventStatus.Succeeded()
-
-    def _draw_surface(self, time: float, perceived: Perceived) -> None:
-        if perceived.gpdf is self._drawn_gpdf or perceived.gpdf is None:
-            return
-        self._drawn_gpdf = perceived.gpdf
-        draw_surface(self._meshcat, self._cloud.turn(time), perceived.gpdf)
 
     def _order(self, grasps: GraspSet) -> Indices:
         """An order that stays the same as long as the set does, so that glyphs do not flicker."""
@@ -173,9 +162,9 @@ class GraspVisualizer(LeafSystem):
 
 def draw_surface(meshcat: Meshcat, path: str, gpdf: Gpdf) -> None:
     """Draws the completed surface of a field as discs."""
-    surface, one = gpdf.completion, disc(DISC_RADIUS)
-    # A little outside, where the object's own skin does not hide them.
-    frames = frames_along(surface.points + DISC_LIFT * surface.normals, surface.normals)
+    surface, one = gpdf.completion, disc(0.0045)
+    # A millimetre outside, where the object's own skin does not hide them.
+    frames = frames_along(surface.points + 0.001 * surface.normals, surface.normals)
     vertices, faces = place_copies(frames, *one)
     colors = np.repeat(surface_colors(gpdf), len(one[0]), axis=0)
     meshcat.SetTriangleColorMesh(path, vertices.T, faces.T, colors.T)
@@ -184,9 +173,8 @@ def draw_surface(meshcat: Meshcat, path: str, gpdf: Gpdf) -> None:
 def reachable_mask(grasps: GraspSet, reachable: GraspSet) -> Mask:
     """Mask of grasps in a subset of them and their flips, shape (n,)."""
     subset = {X_OG.tobytes() for X_OG in reachable.X_OG}
-    found = np.array(
-        [X_OG.tobytes() in subset for X_OG in grasps.with_symmetric().X_OG], dtype=bool
-    )
+    both = grasps.with_symmetric().X_OG
+    found = np.array([X_OG.tobytes() in subset for X_OG in both], dtype=bool)
     return found[: len(grasps)] | found[len(grasps) :]
 
 
@@ -210,9 +198,6 @@ def surface_colors(gpdf: Gpdf) -> Array:
 
 #: Meshcat path of everything that the station shows.
 PREFIX = "/drake/illustration"
-#: Where the camera stands and what it looks at, in the world frame [m], and its zoom. Source:
-#: layout.
-CAMERA, TARGET, ZOOM = (1.75, -1.85, 1.15), (0.36, 0.0, 0.49), 3.1
 #: Brightness of the lights; Meshcat's own wash out a white arm and leave shaded sides black.
 LIGHTS = {
     "AmbientLight": 0.9,
@@ -224,7 +209,7 @@ LIGHTS = {
 
 
 def add_scene(builder: DiagramBuilder, station: Station, meshcat: Meshcat) -> None:
-    """Adds a visualizer named ``scene`` for the geometry of a station in the builder."""
+    """Adds a visualizer named ``scene`` for the geometry of a station, and lights."""
     params = MeshcatVisualizerParams(
         role=Role.kIllustration,
         prefix=PREFIX,
@@ -236,7 +221,11 @@ def add_scene(builder: DiagramBuilder, station: Station, meshcat: Meshcat) -> No
     object_path = f"{PREFIX}/{station.object_body.scoped_name().get_full().replace('::', '/')}"
     meshcat.Delete(PREFIX)
     _make_translucent(station, object_path, meshcat)
-    set_stage(meshcat)
+    set_background(meshcat)
+    for light, intensity in LIGHTS.items():
+        meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
+    meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", 3.1)
+    meshcat.SetCameraPose(camera_in_world=[1.75, -1.85, 1.15], target_in_world=[0.36, 0.0, 0.49])
 
 
 def _make_translucent(station: Station, object_path: str, meshcat: Meshcat) -> None:
@@ -247,15 +236,6 @@ def _make_translucent(station: Station, object_path: str, meshcat: Meshcat) -> N
         # On the mesh itself: its folder's opacity belongs to MeshcatVisualizer.
         # Opacity of the object, so that what is drawn on it can be seen from all sides.
         meshcat.SetProperty(f"{path}/<object>", "modulated_opacity", 0.35)
-
-
-def set_stage(meshcat: Meshcat) -> None:
-    """Sets background, lights and camera position [m] of the cell."""
-    set_background(meshcat)
-    for light, intensity in LIGHTS.items():
-        meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
-    meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", ZOOM)
-    meshcat.SetCameraPose(CAMERA, TARGET)
 
 
 def set_background(meshcat: Meshcat) -> None:

@@ -1,5 +1,6 @@
 """Logs arm, object and grasp at the control rate."""
 
+from collections.abc import Mapping
 from math import prod
 
 import numpy as np
@@ -16,24 +17,15 @@ from feasigrasp.systems.ports import add_connected, declare_input, declare_outpu
 from feasigrasp.systems.station.station import Station
 
 
-def fields(joints: int) -> dict[str, tuple[int, ...]]:
+def fields(joints: int) -> Mapping[str, tuple[int, ...]]:
     """The arrays of a log beside ``time``, and the shape of a sample.
 
     docs/results_schema.md defines them.
     """
     arm = dict.fromkeys(("q", "qd", "qd_commanded", "q_sent", "qd_sent"), (joints,))
-    return arm | {
-        "opening": (1,),
-        "opening_sent": (1,),
-        "X_WO": (4, 4),
-        "X_WO_true": (4, 4),
-        "phase": (1,),
-        "X_OG": (4, 4),
-    }
-
-
-#: An unknown pose. Source: layout.
-_NO_POSE = np.full((4, 4), np.nan)
+    openings = dict.fromkeys(("opening", "opening_sent"), (1,))
+    poses = dict.fromkeys(("X_WO", "X_WO_true"), (4, 4))
+    return arm | openings | poses | {"phase": (1,), "X_OG": (4, 4)}
 
 
 class RunLog(LeafSystem):
@@ -55,7 +47,6 @@ class RunLog(LeafSystem):
     """
 
     def __init__(self, joints: int = IIWA_7.joints) -> None:
-        """A system without state."""
         super().__init__()
         n = joints
         self._arm = [
@@ -69,7 +60,7 @@ class RunLog(LeafSystem):
         self._true_pose = declare_input(self, "true_pose", RigidTransform())
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
-        self._chosen = self.DeclareVectorInputPort("chosen_grasp", _NO_POSE.size)
+        self._chosen = self.DeclareVectorInputPort("chosen_grasp", 16)
         size = sum(map(prod, fields(n).values()))
         declare_output(self, "sample", self._calc, size=size)
 
@@ -83,15 +74,14 @@ class RunLog(LeafSystem):
     def _grasp(self, context: Context, phase: float) -> NDArray[np.float64]:
         """The grasp that the hand has committed to, or else goes for; NaN if there is none."""
         if phase > Phase.APPROACH:
-            committed: GraspSet = self._grasps.Eval(context)
-            return committed.X_OG[0]
+            return self._grasps.Eval(context).X_OG[0]
         chosen: NDArray[np.float64] | None = optional(self._chosen, context)
-        return _NO_POSE if chosen is None else chosen
+        return np.full(16, np.nan) if chosen is None else chosen
 
 
 def _matrix(port: InputPort, context: Context) -> NDArray[np.float64]:
     pose: RigidTransform | None = optional(port, context)
-    return _NO_POSE if pose is None else pose.GetAsMatrix4()
+    return np.full((4, 4), np.nan) if pose is None else pose.GetAsMatrix4()
 
 
 def add_run_log(builder: DiagramBuilder, subsystems: Subsystems, period: float = 0.005) -> None:

@@ -44,10 +44,6 @@ LASTS = {
 #: Time between two entries of a hand that goes on following [s]: a few lines in a run of 30 s.
 #: Source: reasoned.
 AGAIN = 3.0
-#: Time between two counts of rejected grasps [s]: 30 entries in a run of 30 s. Source: guessed.
-COUNTED = 1.0
-#: No error, or an unknown one [m], [rad]. Source: layout.
-_NONE = 0.0, 0.0
 #: Verdicts that are no reason why nothing can be reached: of what is, or has not been judged.
 _FINE = (Verdict.KEPT, Verdict.REACHABLE, Verdict.BETTER)
 
@@ -104,17 +100,17 @@ class _Reported(Frozen):
         return replace(self, looks=(*self.looks, Status(time, now.code, now.detail)))
 
     def counted(self, time: float, counts: Mapping[str, Mapping[str, int]]) -> _Reported:
-        """With the rejections of now, if they are others, at most once every `COUNTED` seconds."""
+        """With the rejections of now, if they are others, at most once a second."""
         known = self.rejected
-        if known and (time < known[-1][0] + COUNTED - 1e-9 or known[-1][1] == counts):
+        if known and (time < known[-1][0] + 1.0 - 1e-9 or known[-1][1] == counts):
             return self
         return replace(self, rejected=(*known, (time, counts)))
 
 
 def _least_error(X_OG: Array, X_OH: Array | None) -> tuple[float, float]:
-    """Distance [m] and angle [rad] of the hand to the nearest of the poses (n, 4, 4)."""
+    """Distance [m] and angle [rad] of the hand to the nearest of poses (n, 4, 4); 0 if unknown."""
     if X_OH is None or len(X_OG) == 0:
-        return _NONE
+        return 0.0, 0.0
     errors = grasp_errors(X_OG, X_OH)
     distance, angle = errors[int(errors[:, 0].argmin())]
     return float(distance), float(angle)
@@ -176,9 +172,8 @@ class StatusMonitor(LeafSystem):
         self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
         self._contradicted = declare_input(self, "contradicted", kind=bool)
         self._reported = PeriodicState(self, _Reported(), PERIOD, self._look)
-        state = {self._reported.ticket()}
-        declare_output(self, "status", self.status, state)
-        declare_output(self, "history", lambda context: self._reported.Eval(context).history, state)
+        declare_output(self, "status", self.status, {self._reported})
+        declare_output(self, "history", self.history, {self._reported})
 
     def history(self, context: Context) -> tuple[Status, ...]:
         """Every status until now, oldest first."""
@@ -194,8 +189,7 @@ class StatusMonitor(LeafSystem):
 
     def status(self, context: Context) -> Status:
         """The present status."""
-        now: Status | None = self._reported.Eval(context).now
-        return Status(0.0, StatusCode.NOTHING_SEEN) if now is None else now
+        return self._reported.Eval(context).now or Status(0.0, StatusCode.NOTHING_SEEN)
 
     def _look(self, context: Context) -> _Reported:
         reported: _Reported = self._reported.Eval(context)
@@ -215,7 +209,8 @@ class StatusMonitor(LeafSystem):
         # The last look before the object was let go was at the very time.
         held = reported.X_OH if phase > Phase.CLOSE else X_OH
         in_hand = self._sees_slip and phase > Phase.CLOSE and not tracking.lost
-        slipped, turned = _least_error(held[None], X_OH) if in_hand and held is not None else _NONE
+        reference = held[None] if in_hand and held is not None else np.zeros((0, 4, 4))
+        slipped, turned = _least_error(reference, X_OH)
         unmet = ""
         if X_OH is not None and len(reachable) > 0:
             measured = tracking.state is TrackingState.TRACKING

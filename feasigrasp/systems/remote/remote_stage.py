@@ -6,11 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, Diagram, EventStatus, LeafSystem, State, System
 
 from feasigrasp.models.arrays import Frozen
-from feasigrasp.systems.ports import declare_output, scalar, weakly
+from feasigrasp.systems.ports import ObjectState, declare_output, scalar, weakly
 from feasigrasp.systems.remote.served import Served, inputs_of, is_vector, outputs_of
 from feasigrasp.systems.remote.worker import Worker
 
@@ -63,19 +62,15 @@ class RemoteStage(LeafSystem):
         weakref.finalize(self, self.worker.close)  # at the latest when Python ends
         self._latency = latency
         stage = make()
-        self._given = [self._mirrored(port, stage) for port in inputs_of(stage)]
+        self._given = [self._mirrored(port) for port in inputs_of(stage)]
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
         self._posted: deque[tuple[float, float]] = deque()  # when, and when the image was taken
         self._known: dict[str, Any] = {}  # what was last posted to the process
         self._last_stamp = 0.0
-        arrived = _Arrived(Served(stage).outputs())
-        index = self.DeclareAbstractState(AbstractValue.Make(arrived))
-        self._index, tickets = int(index), {self.abstract_state_ticket(index)}
+        arrived = self._arrived = ObjectState(self, _Arrived(Served(stage).outputs()))
         for port in outputs_of(stage):
-            self._declare(port, tickets)
-        declare_output(
-            self, "lapsed", lambda context: self._arrived(context).lapsed, tickets, size=1
-        )
+            self._declare(port)
+        declare_output(self, "lapsed", lambda of: arrived.Eval(of).lapsed, {arrived}, size=1)
         self.DeclarePeriodicPublishEvent(period, 0.0, weakly(self._post))
         if latency is not None:
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, latency, weakly(self._await))
@@ -86,7 +81,7 @@ class RemoteStage(LeafSystem):
         The result is the latency from image to ``time`` [s] of every one with other grasps.
         """
         self.worker.end_if_stuck()
-        before = arrived = self._arrived(context)
+        before = arrived = self._arrived.Eval(context)
         latencies = []
         for answer in self.worker.answers():
             _, taken_at = self._posted.popleft()
@@ -100,27 +95,25 @@ class RemoteStage(LeafSystem):
         if lapsed != arrived.lapsed:
             arrived = replace(arrived, lapsed=lapsed)
         if arrived is not before:
-            context.get_mutable_abstract_state(self._index).set_value(arrived)
+            self._arrived.set(context, arrived)
         return latencies
 
-    def _arrived(self, context: Context) -> _Arrived:
-        return context.get_abstract_state(self._index).get_value()
-
-    def _mirrored(self, port, stage: System):
+    def _mirrored(self, port):
         if is_vector(port):
             return self.DeclareVectorInputPort(port.get_name(), port.size())
         return self.DeclareAbstractInputPort(port.get_name(), port.Allocate())
 
-    def _declare(self, port, tickets) -> None:
+    def _declare(self, port) -> None:
         name = port.get_name()
 
         def value(context: Context) -> Any:
-            return self._arrived(context).outputs[name]
+            return self._arrived.Eval(context).outputs[name]
 
         if is_vector(port):
-            declare_output(self, name, value, tickets, size=port.size())
+            declare_output(self, name, value, {self._arrived}, size=port.size())
         else:
-            declare_output(self, name, value, tickets, model=port.Allocate().get_value())
+            model = port.Allocate().get_value()
+            declare_output(self, name, value, {self._arrived}, model=model)
 
     def _post(self, context: Context) -> EventStatus:
         time = context.get_time()
@@ -149,9 +142,8 @@ class RemoteStage(LeafSystem):
         answer = self.worker.next_answer()
         if not answer:
             return EventStatus.DidNothing()
-        arrived = self._arrived(context)
-        arrived = replace(arrived, outputs=arrived.outputs | answer)
-        state.get_mutable_abstract_state(self._index).set_value(arrived)
+        arrived = self._arrived.Eval(context)
+        self._arrived.set(state, replace(arrived, outputs=arrived.outputs | answer))
         return EventStatus.Succeeded()
 
 

@@ -17,6 +17,7 @@ from pydrake.systems.framework import InputPort, OutputPort, PortDataType, Syste
 from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 
 from feasigrasp.one_thread import one_thread
+from feasigrasp.systems.ports import same_value
 
 #: What is said when the stage is built and compiled.
 READY = b"ready"
@@ -71,7 +72,6 @@ class Served:
     """
 
     def __init__(self, stage: System) -> None:
-        """A system in its default state."""
         self._stage, self._simulator = stage, Simulator(stage)
         self._context = self._simulator.get_mutable_context()
         self._begun = False
@@ -97,10 +97,8 @@ class Served:
         self._begun = True
         if self._sent and all(a is b for a, b in zip(before, self._states(), strict=True)):
             return {}
-        now = self.outputs()
-        new = {k: v for k, v in now.items() if k not in self._sent or not _same(v, self._sent[k])}
-        self._sent = now
-        return new
+        sent, self._sent = self._sent, self.outputs()
+        return {k: v for k, v in self._sent.items() if not same_value(v, sent.get(k))}
 
     def state(self) -> bytes:
         """State of the stage."""
@@ -123,16 +121,7 @@ class Served:
         port.FixValue(self._context, value)
 
 
-def _same(a: Any, b: Any) -> bool:
-    """Whether two values of an output are the same object, or equal vectors."""
-    return a is b or (isinstance(a, np.ndarray) and np.array_equal(a, b, equal_nan=True))
-
-
-_IMAGES: dict[str, Any] = {
-    "depth": ImageDepth32F,
-    "label": ImageLabel16I,
-    "color": ImageRgba8U,
-}
+_IMAGES: dict[str, Any] = {"depth": ImageDepth32F, "label": ImageLabel16I, "color": ImageRgba8U}
 
 
 def packed(value: Any) -> bytes:

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -78,10 +79,9 @@ class Worker:
         Raises:
             WorkerError: The process has died, or hangs.
         """
-        try:
+        answer = None
+        with suppress(queue.Empty):
             answer = self._answers.get(timeout=START_PATIENCE)
-        except queue.Empty:
-            answer = None
         self._answered()
         if answer is None:
             raise WorkerError(
@@ -152,10 +152,8 @@ class Worker:
             )
         if self._closed:
             self._process.kill()
-        try:
+        with suppress(EOFError, OSError):
             mine.send_bytes(packed((self._make, self._state)))
             mine.recv_bytes()
             self.ready.set()
-        except (EOFError, OSError):
-            pass
         return mine

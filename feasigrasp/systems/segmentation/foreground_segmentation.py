@@ -16,7 +16,7 @@ from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.arrays import Array, Floats, Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracker_config import TrackerConfig
-from feasigrasp.models.objects.tracking import Tracking, TrackingState
+from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.segmentation.foreground import CameraView, Known, Label, segment
 from feasigrasp.models.segmentation.modeled_bodies import Kind, ModeledBodies, in_color_gate
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -96,9 +96,7 @@ class ForegroundSegmentation(_Segmentation):
         super().__init__(camera, bodies)
         self._carrier_hue = carrier_hue
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
-        self._tracking = declare_input(
-            self, "tracking", Tracking(TrackingState.SEARCHING, float("inf"))
-        )
+        self._tracking = declare_input(self, "tracking", kind=Tracking)
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
         # Time and view of the first image, for the detection of motion; None before.
@@ -107,12 +105,11 @@ class ForegroundSegmentation(_Segmentation):
         # Time of the last image, and how many in succession looked through the cell.
         self._through = PeriodicState(self, (-np.inf, 0), period, self._compare)
         declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))
-        declare_output(self, "contradicted", self._contradicted, {self._through.ticket()})
+        declare_output(self, "contradicted", self._contradicted, {self._through})
         _compile(camera, bodies)
 
     def _view(self, context: Context) -> CameraView:
-        points = self._cloud.Eval(context).xyzs().T
-        camera = self._camera
+        points, camera = self._cloud.Eval(context).xyzs().T, self._camera
         if len(points) != camera.width * camera.height:
             raise ValueError(
                 f"ForegroundSegmentation: {len(points)} points, but the camera has {camera.width} "
@@ -121,8 +118,7 @@ class ForegroundSegmentation(_Segmentation):
         return CameraView(points, self._camera_pose.Eval(context).GetAsMatrix4())
 
     def _remember(self, context: Context) -> tuple[float | None, CameraView | None]:
-        first: tuple[float | None, CameraView | None] = self._first.Eval(context)
-        time = self._time(context)
+        first, time = self._first.Eval(context), self._time(context)
         if first[0] is not None or not np.isfinite(time):
             return first
         view = self._view(context)

@@ -22,7 +22,7 @@ from feasigrasp.models.clouds.edges import (
     outline,
     smeared_pixels,
 )
-from feasigrasp.models.quantities import Positive, Whole
+from feasigrasp.models.quantities import Whole
 from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
 
 
@@ -56,7 +56,6 @@ class SegmentPointCloud(LeafSystem):
         *,
         camera: Camera | None = None,
         hiding: Collection[int] = (),
-        edge_jump: Positive | None = EDGE_JUMP,
         smears: bool = False,
     ) -> None:
         """Keeps the pixels whose label is ``label`` (Drake's cameras label by body index).
@@ -65,27 +64,24 @@ class SegmentPointCloud(LeafSystem):
             label: The body's label.
             camera: The camera.
             hiding: Labels of what may be before the body.
-            edge_jump: Points of neighbouring pixels that are farther apart than this [m] lie on
-                different surfaces; None keeps the pixels at edges too.
             smears: Whether the camera's depth is between two surfaces over some pixels at edges.
         """
         super().__init__()
-        self.label, self._edge_jump, self._camera = label, edge_jump, camera
+        self.label, self._camera = label, camera
         self._hiding = sorted(set(hiding) - {label})
         self._cloud_input = declare_input(self, "point_cloud", PointCloud())
         self._label_input = declare_input(self, "label_image", ImageLabel16I(1, 1))
         self._depth = declare_input(self, "depth_image", ImageDepth32F(1, 1)) if smears else None
         ports = self._cloud_input, self._label_input, self._depth
-        inputs = {port.ticket() for port in ports if port is not None}
-        self._segmented = declare_cache(self, "segmented", self._calc, inputs)
-        segmented = {self._segmented.ticket()}
-        declare_output(self, "point_cloud", self._calc_cloud, segmented, model=PointCloud())
-        declare_output(self, "outline", lambda context: self._segmented.Eval(context)[1], segmented)
+        inputs = {port for port in ports if port is not None}
+        segmented = self._segmented = declare_cache(self, "segmented", self._calc, inputs)
+        declare_output(self, "point_cloud", self._calc_cloud, {segmented}, model=PointCloud())
+        declare_output(self, "outline", lambda context: segmented.Eval(context)[1], {segmented})
 
     def _calc_cloud(self, context: Context) -> PointCloud:
-        chosen, _ = self._segmented.Eval(context)
-        cloud = PointCloud(chosen.shape[1])
-        cloud.mutable_xyzs()[:] = chosen
+        points, _ = self._segmented.Eval(context)
+        cloud = PointCloud(points.shape[1])
+        cloud.mutable_xyzs()[:] = points
         return cloud
 
     def _calc(self, context: Context) -> tuple[NDArray[np.floating], Outline | None]:
@@ -101,13 +97,10 @@ class SegmentPointCloud(LeafSystem):
         of_body = labels[around] == self.label
         points = xyz.reshape(3, *labels.shape)[:, *around]
         seen = np.isfinite(points).all(axis=0)
-        if self._edge_jump is None:
-            keep = of_body & seen
-        else:
-            # Labels of pixels that show nothing that is known: that of the world, and none.
-            unknown = np.isin(labels[around], (0, int(RenderLabel.kEmpty)))
-            of_body = grown_mask(points, of_body, unknown, self._edge_jump)
-            keep = of_body & seen & ~edge_pixels(points, seen, of_body, self._edge_jump)
+        # Labels of pixels that show nothing that is known: that of the world, and none.
+        unknown = np.isin(labels[around], (0, int(RenderLabel.kEmpty)))
+        of_body = grown_mask(points, of_body, unknown, EDGE_JUMP)
+        keep = of_body & seen & ~edge_pixels(points, seen, of_body, EDGE_JUMP)
         if self._camera is None:
             return points[:, keep], None
         if self._depth is not None and self._depth.HasValue(context):

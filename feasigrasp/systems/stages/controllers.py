@@ -1,7 +1,5 @@
 """Makes reachability filter, controller and drive of a scenario."""
 
-from typing import cast
-
 from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.errors import ScenarioError
@@ -38,7 +36,7 @@ def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> 
     """The reachability filter of a scenario."""
     config = scenario.reachability
     if config.method != EXACT:
-        return cast(LeafSystem, load_plugin("judges", config.method)(scenario, reachability))
+        return load_plugin("judges", config.method)(scenario, reachability)
     return ReachabilityFilter(
         reachability,
         options=_interception(scenario),
@@ -50,8 +48,7 @@ def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> 
 
 def make_controller(scenario: Scenario, reachability: Reachability) -> GraspController:
     """The controller of a scenario."""
-    config = scenario.control
-    arm = reachability.arm
+    config, arm = scenario.control, reachability.arm
     fastest = config.speed * SafetyOptions.velocity_scale
     most = arm.braking_rate(fastest, arm.acceleration_share)
     safety = SafetyOptions(
@@ -66,11 +63,10 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
     )
     name = parse_word(controller_names(), config.controller, "control.controller", ScenarioError)
     if name not in [*ControlSpace]:
-        make = load_plugin("controllers", name)
-        return cast(GraspController, make(scenario, reachability, safety))
+        return load_plugin("controllers", name)(scenario, reachability, safety)
     mode = added_mode(config.mode)
     if mode is not None:
-        return cast(GraspController, mode.make_controller(scenario, reachability))
+        return mode.make_controller(scenario, reachability)
     options = HorizonOptions(
         prediction=config.prediction,
         neighbours=HorizonOptions.neighbours if config.density else 1,
@@ -97,7 +93,6 @@ def _interception(scenario: Scenario) -> InterceptionOptions:
 def make_drive(scenario: Scenario) -> LeafSystem:
     """The drive between the controller's velocity and the arm."""
     config = scenario.control
-    mode = added_mode(config.mode)
-    if mode is not None:
+    if mode := added_mode(config.mode):
         return mode.make_drive(scenario)
     return VelocityDrive(config.period, speed=config.speed, arm=load_arm(scenario.arm))

@@ -7,7 +7,13 @@ import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Frozen
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, scalar
+from feasigrasp.systems.ports import (
+    PeriodicState,
+    declare_input,
+    declare_output,
+    same_value,
+    scalar,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +46,13 @@ class Delay(LeafSystem):
         super().__init__()
         self._latency, self._period = latency, period
         self._post = PeriodicState(self, _Post(initial), period, self._deliver)
-        depends = {self._post.ticket()}
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
         if isinstance(initial, np.ndarray):
             self._input = self.DeclareVectorInputPort("u", len(initial))
-            declare_output(self, "y", self._arrived, depends, size=len(initial))
+            declare_output(self, "y", self._arrived, {self._post}, size=len(initial))
         else:
             self._input = declare_input(self, "u")
-            declare_output(self, "y", self._arrived, depends)
+            declare_output(self, "y", self._arrived, {self._post})
 
     def _arrived(self, context: Context) -> Any:
         return self._post.Eval(context).arrived
@@ -55,15 +60,9 @@ class Delay(LeafSystem):
     def _deliver(self, context: Context) -> _Post:
         post, value, time = self._post.Eval(context), self._input.Eval(context), context.get_time()
         sent = post.sent
-        if not _same(value, post.newest):
+        if not same_value(value, post.newest):
             made = max(0.0, time - self._period) if self._latency > 0.0 else time
             stamp = scalar(self._stamp, context, made)
             sent = (*sent, ((stamp if np.isfinite(stamp) else made) + self._latency, value))
         due = [each for at, each in sent if at <= time + 1e-9]
         return _Post(due[-1] if due else post.arrived, sent[len(due) :], value)
-
-
-def _same(value: Any, other: Any) -> bool:
-    if isinstance(value, np.ndarray) and isinstance(other, np.ndarray):
-        return np.array_equal(value, other, equal_nan=True)
-    return value is other

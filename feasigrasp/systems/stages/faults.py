@@ -83,10 +83,8 @@ def faulty_cloud(fault: CloudFault, label: int, seed: int = 0) -> FaultySignal:
     def change(
         cloud: PointCloud, labels: ImageLabel16I, X_WC: RigidTransform, rng: np.random.Generator
     ) -> PointCloud:
-        on_object = labels.data.reshape(-1) == label
-        view = View(
-            cloud.xyzs().astype(float), on_object, X_WC.translation(), X_WC.rotation().col(2)
-        )
+        xyzs, on_object = cloud.xyzs().astype(float), labels.data.reshape(-1) == label
+        view = View(xyzs, on_object, X_WC.translation(), X_WC.rotation().col(2))
         faulty = PointCloud(cloud.size())
         faulty.mutable_xyzs()[:] = fault.seen(view, rng)
         return faulty
@@ -101,9 +99,8 @@ def faulty_mask(fault: MaskFault, label: int) -> FaultySignal:
     def change(image: ImageLabel16I, rng: np.random.Generator) -> ImageLabel16I:
         labels = image.data[:, :, 0]
         of_object = labels == label
+        others = np.where(of_object, 0, labels)  # what is lost has the world's label
         faulty = ImageLabel16I(image.width(), image.height())
-        # Label of a pixel that is no longer taken for the object: that of the world.
-        others = np.where(of_object, 0, labels)
         faulty.mutable_data[:, :, 0] = np.where(fault.mask(of_object), label, others)
         return faulty
 
@@ -184,8 +181,7 @@ class FaultyPose(LeafSystem):
         return RigidTransform(measured)
 
     def _poses(self, context: Context) -> np.ndarray:
-        values: np.ndarray = context.get_discrete_state_vector().value()
-        return values.reshape(-1, 4, 4)
+        return context.get_discrete_state_vector().value().reshape(-1, 4, 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +212,7 @@ class LateField(LeafSystem):
         self._fault = fault
         self._input = declare_input(self, "gpdf")
         self._post = PeriodicState(self, _Post(), period, self._deliver)
-        declare_output(self, "gpdf", self._calc, {self._input.ticket(), self._post.ticket()})
+        declare_output(self, "gpdf", self._calc, {self._input, self._post})
 
     def _deliver(self, context: Context) -> _Post:
         time, gpdf = context.get_time(), evaluate(self._input, context)
@@ -291,9 +287,8 @@ class FaultInjection:
         """The point cloud of a camera that sees the object under ``label`` in true ``labels``."""
         for number, fault in self._of(CloudFault):
             system = faulty_cloud(fault, label, self._seed(number))
-            cloud = self._insert(
-                number, system, point_cloud=cloud, label_image=labels, camera_pose=camera_pose
-            )
+            inputs = {"point_cloud": cloud, "label_image": labels, "camera_pose": camera_pose}
+            cloud = self._insert(number, system, **inputs)
         return cloud
 
     def mask(self, labels: OutputPort, label: int) -> OutputPort:
@@ -330,9 +325,7 @@ class FaultInjection:
             fail_solver(controller, failure)
         velocity = controller.GetOutputPort("commanded_velocity")
         for number, fault in self._of(CommandFault):
-            system = faulty_command(
-                fault, controller.GetOutputPort("commanded_velocity").size(), self._seed(number)
-            )
+            system = faulty_command(fault, velocity.size(), self._seed(number))
             velocity = self._insert(number, system, velocity=velocity)
         return velocity
 

@@ -26,12 +26,8 @@ from feasigrasp.systems.ports import add_connected, declare_output
 from feasigrasp.systems.remote.remote_stage import RemoteStage
 from feasigrasp.systems.remote.served import inputs_of, outputs_of
 from feasigrasp.systems.stages.controllers import make_reachability
+from feasigrasp.systems.wiring import CAMERA
 
-#: Inputs that each camera has its own of.
-_OF_A_CAMERA = (
-    *("point_cloud", "depth_image", "color_image", "image_time"),
-    *("camera_pose", "position", "gripper_state"),
-)
 #: After this time a tracked pose is there, where the cell is simulated [s]. Source: guessed.
 PROMPT_LATENCY = 0.02
 
@@ -111,7 +107,7 @@ def make_tracker_stage(text: str) -> Diagram:
             name = port.get_name()
             if builder.IsConnectedOrExported(port) or name == "track":
                 continue
-            if name in _OF_A_CAMERA:
+            if name in CAMERA:
                 name = prefixes.get(system, "") + name
             if name in exported:
                 builder.ConnectInput(name, port)

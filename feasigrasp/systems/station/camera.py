@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.geometry import RenderLabel, SceneGraph
 from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform
@@ -26,7 +25,7 @@ from feasigrasp.models.robot.kinematics import tool_pose
 from feasigrasp.models.sensors.camera_errors import MATERIALS, CameraErrors
 from feasigrasp.models.sensors.depth_noise import DepthNoise
 from feasigrasp.models.sensors.hand_eye import HandEyeError
-from feasigrasp.systems.ports import add_connected, declare_input, declare_output, scalar, weakly
+from feasigrasp.systems.ports import add_connected, declare_input, declare_output, scalar
 from feasigrasp.systems.station.exposures import CameraPose, FirstImage
 
 
@@ -69,20 +68,20 @@ class NoisyDepth(LeafSystem):
         self._errors = CameraErrors(noise, seed, (info.height(), info.width()))
         self._label, self._material = object_label, MATERIALS[material]
         self._intrinsics = (info.focal_x(), info.focal_y(), info.center_x(), info.center_y())
-        image = AbstractValue.Make(ImageDepth32F(info.width(), info.height()))
-        self._input = self.DeclareAbstractInputPort("depth_image", image)
+        image = ImageDepth32F(info.width(), info.height())
+        self._input = declare_input(self, "depth_image", image)
         self._labels = declare_input(self, "label_image", ImageLabel16I(1, 1))
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
-        self.DeclareAbstractOutputPort("depth_image", image.Clone, weakly(self._calc))
+        declare_output(self, "depth_image", self._calc, model=image)
 
-    def _calc(self, context: Context, output) -> None:
-        depth = self._input.Eval(context).data[:, :, 0]
+    def _calc(self, context: Context) -> ImageDepth32F:
+        image: ImageDepth32F = self._input.Eval(context)
         time = scalar(self._stamp, context, context.get_time())
         if not np.isfinite(time):
-            output.get_mutable_value().mutable_data[:, :, 0] = depth
-            return
+            return image
+        depth = image.data[:, :, 0]
         rng = np.random.default_rng([self._seed, round(1e6 * time)])
         X_WC, X_WO = self._camera_pose.Eval(context), self._object_pose.Eval(context)
         fixed = self._errors.fixed(
@@ -93,8 +92,11 @@ class NoisyDepth(LeafSystem):
             self._material,
         )
         limits = {"near": self._near, "far": self._far}
-        noisy = self._noise.apply(depth, self._intrinsics, rng, **limits, fixed=fixed)
-        output.get_mutable_value().mutable_data[:, :, 0] = noisy
+        noisy = ImageDepth32F(image.width(), image.height())
+        noisy.mutable_data[:, :, 0] = self._noise.apply(
+            depth, self._intrinsics, rng, **limits, fixed=fixed
+        )
+        return noisy
 
 
 class MeasuredArm(NamedTuple):
@@ -134,9 +136,8 @@ class CalibratedPose(LeafSystem):
         if not self._position.HasValue(context):
             return X_WB
         q = self._position.Eval(context)
-        flange, measured = (
-            RigidTransform(tool_pose(p, None, self._arm)) for p in (q, q + self._zero)
-        )
+        poses = (tool_pose(p, None, self._arm) for p in (q, q + self._zero))
+        flange, measured = map(RigidTransform, poses)
         return measured @ flange.inverse() @ X_WB
 
 
@@ -198,22 +199,12 @@ def export_camera(
     # The scene graph is late already, if images are to be.
     config.output_delay = config.capture_offset = 0.0
     # An LCM sink that goes nowhere: images are rendered only when somebody reads them.
-    ApplyCameraConfig(
-        config,
-        builder,
-        plant=scene.plant,
-        scene_graph=scene.graph,
-        lcm=DrakeLcm("memq://null"),
-    )
+    lcm = DrakeLcm("memq://null")
+    ApplyCameraConfig(config, builder, plant=scene.plant, scene_graph=scene.graph, lcm=lcm)
     sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
-    depth, color, labels = (
-        _from_first_image(builder, port, stamp)
-        for port in (
-            sensor.depth_image_32F_output_port(),
-            sensor.color_image_output_port(),
-            sensor.label_image_output_port(),
-        )
-    )
+    depth = _from_first_image(builder, sensor.depth_image_32F_output_port(), stamp)
+    color = _from_first_image(builder, sensor.color_image_output_port(), stamp)
+    labels = _from_first_image(builder, sensor.label_image_output_port(), stamp)
     info, true_pose = pixel_centred_intrinsics(config), sensor.body_pose_in_world_output_port()
     if noise is not None:
         errors = NoisyDepth(
@@ -233,9 +224,8 @@ def export_camera(
     X_CB = calibration_error(hand_eye or HandEyeError(), seed)
 
     def calibrated(what: str, pose: OutputPort, joints: OutputPort) -> OutputPort:
-        on_arm = config.X_PB.base_frame not in (None, "", "world")
         system = CalibratedPose(X_CB, arm.zero, arm.arm)
-        ports = (pose, joints) if on_arm else (pose,)
+        ports = (pose, joints) if is_on_arm(config) else (pose,)
         return add_connected(builder, f"{name}_{what}", system, *ports).get_output_port()
 
     pose = calibrated("calibrated_pose", true_pose, arm.position)
@@ -274,6 +264,11 @@ def calibration_error(hand_eye: HandEyeError, seed: int) -> Array:
     return hand_eye.draw(np.random.default_rng([seed, 2**40]))
 
 
+def is_on_arm(camera: CameraConfig) -> bool:
+    """Whether a camera is on the arm, and not fixed in the world."""
+    return camera.X_PB.base_frame not in (None, "", "world")
+
+
 def pixel_centred_intrinsics(config: CameraConfig) -> CameraInfo:
     """The depth camera's intrinsics for whole-numbered pixels (u, v).
 
@@ -282,11 +277,5 @@ def pixel_centred_intrinsics(config: CameraConfig) -> CameraInfo:
     """
     _, depth_camera = config.MakeCameras()
     info = depth_camera.core().intrinsics()
-    return CameraInfo(
-        info.width(),
-        info.height(),
-        info.focal_x(),
-        info.focal_y(),
-        info.center_x() - 0.5,
-        info.center_y() - 0.5,
-    )
+    center = info.center_x() - 0.5, info.center_y() - 0.5
+    return CameraInfo(info.width(), info.height(), info.focal_x(), info.focal_y(), *center)

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex
@@ -19,13 +18,11 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 #: A frame that is off by less is the same; rounded angles of a model file are [m], [rad]. Source:
 #: guessed.
 POSITION_TOLERANCE, ANGLE_TOLERANCE = 2e-4, 1e-3
-#: The identity. Source: definition.
-_NONE = np.eye(4)
 FINGER_JOINTS = ("left_finger_joint", "right_finger_joint")
 
 
 def check_cell(
-    plant: MultibodyPlant, gripper: Gripper, arm: Arm = IIWA_7, *, hand_error: ArrayLike = _NONE
+    plant: MultibodyPlant, gripper: Gripper, arm: Arm = IIWA_7, hand_error: Array | None = None
 ) -> None:
     """Compares a finalized plant with the arm and the hand that the project computes with.
 
@@ -47,7 +44,8 @@ def check_cell(
     for name, X_WL in _expected_links(q, arm):
         _compare(plant.GetFrameByName(name, instance), context, X_WL, _LINK_MEND)
     _check_limits(plant, instance, arm)
-    _check_hand(plant, context, X_WL @ gripper.X_FG @ np.asarray(hand_error), gripper)
+    X_WG = X_WL @ gripper.X_FG
+    _check_hand(plant, context, X_WG if hand_error is None else X_WG @ hand_error, gripper)
 
 
 _LINK_MEND = (
@@ -122,14 +120,10 @@ def _check_limits(plant: MultibodyPlant, instance: ModelInstanceIndex, arm: Arm)
                     f"{np.rad2deg(ours):.2f} are expected; {_LINK_MEND}"
                 )
         actuator = plant.GetJointActuatorByName(name, instance)
+        velocity, acceleration = joint.velocity_upper_limits(), joint.acceleration_upper_limits()
         for what, unit, theirs, ours in (
-            ("velocity", "rad/s", joint.velocity_upper_limits()[0], arm.velocity_limits[i]),
-            (
-                "acceleration",
-                "rad/s^2",
-                joint.acceleration_upper_limits()[0],
-                arm.acceleration_limits[i],
-            ),
+            ("velocity", "rad/s", velocity[0], arm.velocity_limits[i]),
+            ("acceleration", "rad/s^2", acceleration[0], arm.acceleration_limits[i]),
             ("effort", "Nm", actuator.effort_limit(), arm.effort_limits[i]),
         ):
             if theirs < (1.0 - limit_tolerance) * ours:
@@ -151,9 +145,8 @@ def _check_hand(plant: MultibodyPlant, context: Context, X_WG: Array, gripper: G
         joint = plant.GetJointByName(name, hand)
         joint.set_translation(context, 0.0)
         _compare(joint.child_body().body_frame(), context, X_WG, _HAND_MEND)
-    opening = sum(
-        plant.GetJointByName(name, hand).position_upper_limits()[0] for name in FINGER_JOINTS
-    )
+    joints = (plant.GetJointByName(name, hand) for name in FINGER_JOINTS)
+    opening = sum(joint.position_upper_limits()[0] for joint in joints)
     if abs(opening - gripper.max_opening) > POSITION_TOLERANCE:
         raise ScenarioError(
             f"the gripper of the cell opens {1e3 * opening:.1f} mm, "

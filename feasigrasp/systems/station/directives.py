@@ -123,7 +123,7 @@ def _with_arm(given: list[ModelDirective], arm: Arm) -> list[ModelDirective]:
     packages.AddPackageXml(str(model_path("package.xml")))
     with loading():
         flat = FlattenModelDirectives(ModelDirectives(directives=given), packages)
-        directives = list(flat.directives)
+    directives = list(flat.directives)
     if arm is IIWA_7:
         return directives
     file = _folder({f"{arm.name}.urdf": arm_urdf(arm)}) / f"{arm.name}.urdf"

@@ -72,22 +72,20 @@ class Exposures(LeafSystem):
         declare_output(self, "y", lambda context: _present(context)[1:], ticket, size=len(initial))
         declare_output(self, "stamp", lambda context: _present(context)[0], ticket, size=1)
 
-    def _expose(self, context: Context, state) -> EventStatus:
+    def _expose(self, context: Context, state) -> None:
         row = np.concatenate([[context.get_time()], self._input.Eval(context)])
         if self._timing.output_delay == 0.0:
             state.get_mutable_vector(1).SetFromVector(row)
-            return EventStatus.Succeeded()
+            return
         rows = context.get_discrete_state(0).value()
         state.get_mutable_vector(0).SetFromVector(np.concatenate([row, rows[: -self._row]]))
-        return EventStatus.Succeeded()
 
-    def _deliver(self, context: Context, state) -> EventStatus:
+    def _deliver(self, context: Context, state) -> None:
         """Takes the newest of the images that are due; they are kept newest first."""
         rows = context.get_discrete_state(0).value().reshape(-1, self._row)
         due = np.flatnonzero(rows[:, 0] <= context.get_time() - self._timing.output_delay + 1e-9)
         if len(due):
             state.get_mutable_vector(1).SetFromVector(rows[due[0]])
-        return EventStatus.Succeeded()
 
 
 def _present(context: Context) -> Array:
@@ -106,8 +104,7 @@ def add_exposures(
     sizes = [len(initial) for _, initial in sources]
     ports = (port for port, _ in sources)
     before = add_connected(builder, f"{name}_u", Multiplexer(sizes), *ports)
-    initial = np.concatenate([value for _, value in sources])
-    exposures = Exposures(timing, initial)
+    exposures = Exposures(timing, np.concatenate([value for _, value in sources]))
     add_connected(builder, name, exposures, before.get_output_port())
     after = add_connected(builder, f"{name}_y", Demultiplexer(sizes), exposures.GetOutputPort("y"))
     return [after.get_output_port(k) for k in range(len(sizes))], exposures.GetOutputPort("stamp")
@@ -126,13 +123,11 @@ class FirstImage(LeafSystem):
     """
 
     def __init__(self, blank: Any) -> None:
-        """Images of the size and type of ``blank``."""
         super().__init__()
         self._blank = blank
         self._image = declare_input(self, "image", blank)
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
-        tickets = {self._image.ticket(), self._stamp.ticket()}
-        declare_output(self, "image", self._calc, tickets, model=blank)
+        declare_output(self, "image", self._calc, {self._image, self._stamp}, model=blank)
 
     def _calc(self, context: Context) -> Any:
         exposed = np.isfinite(self._stamp.Eval(context)[0])
@@ -167,14 +162,12 @@ class CameraPose(LeafSystem):
                 "the flange; mount it on the flange, on what is welded to it, or in the world"
             )
         base = flange if self._on_arm else plant.world_frame()
-        context = plant.CreateDefaultContext()
         X_PB = RigidTransform(camera.X_PB.GetDeterministicValue())
-        X_BP = frame.CalcPose(context, base)
+        X_BP = frame.CalcPose(plant.CreateDefaultContext(), base)
         self._arm = arm
         self._X_BC: Array = (X_BP @ X_PB).GetAsMatrix4()
         self._position = self.DeclareVectorInputPort("position", arm.joints)
-        ticket = {self._position.ticket()}
-        declare_output(self, "pose", self._calc, ticket, model=RigidTransform())
+        declare_output(self, "pose", self._calc, {self._position}, model=RigidTransform())
 
     def _calc(self, context: Context) -> RigidTransform:
         if not self._on_arm:
@@ -183,18 +176,14 @@ class CameraPose(LeafSystem):
         return RigidTransform(tool_pose(np.array(q), self._X_BC, self._arm))
 
 
-#: How far back a pose is remembered [s]. Source: guessed.
-REMEMBERED = 0.5
-
-
 class _Memory(LeafSystem):
     """Remembers a row every ``period`` seconds, newest first: time [s], then ``size`` values."""
 
     def __init__(self, period: float, size: int) -> None:
         super().__init__()
         self._row_size = 1 + size
-        rows = np.full(round(REMEMBERED / period) * self._row_size, np.nan)
-        self.DeclareDiscreteState(rows)
+        count = round(0.5 / period)  # images are not older [s]
+        self.DeclareDiscreteState(np.full(count * self._row_size, np.nan))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._remember))
 
     def _row(self, context: Context) -> Array:
@@ -233,7 +222,7 @@ class PoseAt(_Memory):
         super().__init__(period, 12)
         self._pose = declare_input(self, "pose", RigidTransform())
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
-        sources = {self.xd_ticket(), self._stamp.ticket(), self._pose.ticket()}
+        sources = {self.xd_ticket(), self._stamp, self._pose}
         declare_output(self, "pose", self._calc, sources, model=RigidTransform())
 
     def _row(self, context: Context) -> Array:
@@ -266,7 +255,7 @@ class PositionAt(_Memory):
         self._position = self.DeclareVectorInputPort("position", n)
         self._measured_at = self.DeclareVectorInputPort("measured_at", 1)
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
-        sources = {self.xd_ticket(), self._stamp.ticket(), self._position.ticket()}
+        sources = {self.xd_ticket(), self._stamp, self._position}
         declare_output(self, "position", self._calc, sources, size=n)
 
     def _row(self, context: Context) -> Array:

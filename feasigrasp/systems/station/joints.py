@@ -1,7 +1,7 @@
 """Joint sensors of the simulated arm, and the drive of its fingers."""
 
 import numpy as np
-from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.sensors.joint_errors import DrawnJointErrors
@@ -24,22 +24,18 @@ class JointSensors(LeafSystem):
     """
 
     def __init__(self, errors: DrawnJointErrors) -> None:
-        """The sensors of one arm."""
         super().__init__()
         self._errors, n = errors, len(errors.zero)
         self._position = self.DeclareVectorInputPort("position", n)
         self._torque = self.DeclareVectorInputPort("torque_external", n)
         self._desired = self.DeclareVectorInputPort("desired_state", 2 * n)
-        position, torque = self._position.ticket(), self._torque.ticket()
-        for name, size, calc, tickets in (
-            ("position_measured", n, self._calc_position, {position}),
-            ("torque_estimated", n, self._calc_torque, {position, torque, self.time_ticket()}),
-            ("true_desired_state", 2 * n, self._calc_desired, {self._desired.ticket()}),
+        q, of_torque = self._position, {self._position, self._torque, self.time_ticket()}
+        for name, size, calc, inputs in (
+            ("position_measured", n, lambda of: errors.position(q.Eval(of)), {q}),
+            ("torque_estimated", n, self._calc_torque, of_torque),
+            ("true_desired_state", 2 * n, self._calc_desired, {self._desired}),
         ):
-            declare_output(self, name, calc, tickets, size=size)
-
-    def _calc_position(self, context: Context) -> Array:
-        return self._errors.position(self._position.Eval(context))
+            declare_output(self, name, calc, inputs, size=size)
 
     def _calc_torque(self, context: Context) -> Array:
         torque, q = self._torque.Eval(context), self._position.Eval(context)
@@ -89,6 +85,5 @@ class FingerDrive(LeafSystem):
     def _calc(self, context: Context) -> list[float]:
         return [0.5 * self._next(context), 0.0]
 
-    def _update(self, context: Context, state) -> EventStatus:
+    def _update(self, context: Context, state) -> None:
         state.set_value([self._next(context)])
-        return EventStatus.Succeeded()

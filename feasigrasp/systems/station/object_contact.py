@@ -1,5 +1,6 @@
 """Contact of arm and hand with the object before closing, from the contact solver."""
 
+import itertools
 from collections.abc import Iterable
 
 import numpy as np
@@ -55,12 +56,9 @@ class ObstacleDistance(LeafSystem):
         ids = query.inspector().GetAllGeometryIds(Role.kProximity)
         moving = [i for i in ids if i.get_value() in self._moving]
         surroundings = [i for i in ids if i.get_value() in self._surroundings]
-        nearest = np.inf
-        for a in moving:
-            for b in surroundings:
-                pair = query.ComputeSignedDistancePairClosestPoints(a, b)
-                nearest = min(nearest, pair.distance)
-        return nearest
+        closest = query.ComputeSignedDistancePairClosestPoints
+        pairs = itertools.product(moving, surroundings)
+        return min((closest(a, b).distance for a, b in pairs), default=np.inf)
 
 
 class ObjectContact(LeafSystem):
@@ -85,11 +83,8 @@ class ObjectContact(LeafSystem):
         super().__init__()
         self._object = body_index
         self._robot = {index for instance in robot for index in plant.GetBodyIndices(instance)}
-        self._body_of = {
-            geometry: index
-            for index in (body_index, *self._robot)
-            for geometry in _geometries(plant, index)
-        }
+        bodies = (body_index, *self._robot)
+        self._body_of = {each: index for index in bodies for each in _geometries(plant, index)}
         self._step = plant.time_step()
         self._results = declare_input(self, "contact_results", ContactResults())
         self._phase = self.DeclareVectorInputPort("phase", 1)

@@ -1,5 +1,6 @@
 """Adds a `RigidObject` to a MultibodyPlant as a free body with its true shape."""
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -51,7 +52,6 @@ class DistractorBodies(LeafSystem):
     """
 
     def __init__(self, bodies: Sequence[DistractorBody], frames: Sequence[FrameId]) -> None:
-        """Moves bodies, each with its frame of the scene graph."""
         super().__init__()
         self._bodies = list(zip(bodies, frames, strict=True))
         self._let_go = self.DeclareVectorInputPort("let_go", 1)
@@ -89,22 +89,17 @@ def add_distractor_bodies(
         write_text(path, obj_text(body.mesh))
         frame = scene_graph.RegisterFrame(source, GeometryFrame(body.name))
         geometry = GeometryInstance(RigidTransform(), Mesh(str(path)), body.name)
-        geometry.set_illustration_properties(
-            MakePhongIllustrationProperties(np.asarray(body.color))
-        )
-        geometry.set_perception_properties(_seen(body.color, label))
+        color = MakePhongIllustrationProperties(np.asarray(body.color))
+        geometry.set_illustration_properties(color)
+        seen = PerceptionProperties()
+        seen.AddProperty("phong", "diffuse", Rgba(*body.color))
+        seen.AddProperty("label", "id", RenderLabel(label))
+        geometry.set_perception_properties(seen)
         scene_graph.RegisterGeometry(source, frame, geometry)
         frames.append(frame)
-    distractor_bodies = builder.AddNamedSystem(name, DistractorBodies(bodies, frames))
-    builder.Connect(distractor_bodies.get_output_port(), scene_graph.get_source_pose_port(source))
-    return distractor_bodies
-
-
-def _seen(color: Sequence[float], label: int) -> PerceptionProperties:
-    properties = PerceptionProperties()
-    properties.AddProperty("phong", "diffuse", Rgba(*color))
-    properties.AddProperty("label", "id", RenderLabel(label))
-    return properties
+    moved = builder.AddNamedSystem(name, DistractorBodies(bodies, frames))
+    builder.Connect(moved.get_output_port(), scene_graph.get_source_pose_port(source))
+    return moved
 
 
 # Friction between the gripper and what it holds.
@@ -118,11 +113,10 @@ def set_friction(
 ) -> None:
     """Gives all collision geometry of a model one Coulomb friction, static and dynamic."""
     inspector = scene_graph.model_inspector()
+    both = CoulombFriction(friction, friction)
     for geometry in _surfaces(plant, instance):
         properties = inspector.GetProximityProperties(geometry)
-        properties.UpdateProperty(
-            "material", "coulomb_friction", CoulombFriction(friction, friction)
-        )
+        properties.UpdateProperty("material", "coulomb_friction", both)
         scene_graph.AssignRole(plant.get_source_id(), geometry, properties, RoleAssign.kReplace)
 
 
@@ -138,18 +132,14 @@ def contact_friction(
     pairs of their surfaces differ.
     """
     inspector = scene_graph.model_inspector()
-    ones, others = (
-        [
-            inspector.GetProximityProperties(geometry).GetProperty("material", "coulomb_friction")
-            for geometry in _surfaces(plant, instance)
-        ]
-        for instance in (one, other)
-    )
-    return max(
-        float(CalcContactFrictionFromSurfaceProperties(a, b).static_friction())
-        for a in ones
-        for b in others
-    )
+
+    def frictions(instance: ModelInstanceIndex) -> list[CoulombFriction]:
+        found = map(inspector.GetProximityProperties, _surfaces(plant, instance))
+        return [each.GetProperty("material", "coulomb_friction") for each in found]
+
+    pairs = itertools.product(frictions(one), frictions(other))
+    contacts = (CalcContactFrictionFromSurfaceProperties(a, b) for a, b in pairs)
+    return max(float(contact.static_friction()) for contact in contacts)
 
 
 def _surfaces(plant: MultibodyPlant, instance: ModelInstanceIndex) -> list[GeometryId]:
@@ -159,7 +149,7 @@ def _surfaces(plant: MultibodyPlant, instance: ModelInstanceIndex) -> list[Geome
 
 _URDF = """<?xml version="1.0"?>
 <robot name="{model_name}" xmlns:drake="http://drake.mit.edu">
-  <link name="{body}">
+  <link name="object">
     <inertial>
       <mass value="{mass!r}"/>
       <inertia ixx="{I[0][0]!r}" iyy="{I[1][1]!r}" izz="{I[2][2]!r}"
@@ -181,9 +171,6 @@ _URDF = """<?xml version="1.0"?>
 </robot>
 """
 
-#: The body's name in the plant; its frame is the object frame O (origin at the centre of mass).
-BODY_NAME = "object"
-
 
 def add_object(
     plant: MultibodyPlant,
@@ -194,6 +181,8 @@ def add_object(
     model_name: str = "object",
 ) -> ModelInstanceIndex:
     """Adds the object as a free body named ``object`` in a model instance, and returns that.
+
+    Its frame is the object frame O, with the origin at the centre of mass.
 
     The collision geometry is the triangle surface itself, with fewer faces, rigid hydroelastic and
     not declared convex, so a mug or a bowl stays hollow. (A compliant mesh, and any point contact,
@@ -220,7 +209,6 @@ def add_object(
     urdf.write_text(
         _URDF.format(
             model_name=model_name,
-            body=BODY_NAME,
             mass=float(obj.mass),
             I=obj.inertia.tolist(),
             mesh=mesh,

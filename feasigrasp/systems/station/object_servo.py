@@ -65,9 +65,8 @@ class ObjectServo(LeafSystem):
         release = self.DeclareDiscreteState([np.inf, np.inf])  # when it lets go; light since
         self.DeclareInitializationDiscreteUpdateEvent(weakly(self._release))
         self.DeclarePeriodicDiscreteUpdateEvent(step, 0.0, weakly(self._release))
-        ticket = self.discrete_state_ticket(release)
         declare_output(self, "spatial_force", self._calc, model=[ExternallyAppliedSpatialForce()])
-        declare_output(self, "let_go", _let_go, {ticket}, size=1)
+        declare_output(self, "let_go", _let_go, {self.discrete_state_ticket(release)}, size=1)
 
     def _release(self, context: Context, discrete) -> EventStatus:
         # A carrier that feels the load lets go once it has borne less than this share of the weight
@@ -95,7 +94,7 @@ class ObjectServo(LeafSystem):
         speed = float(np.linalg.norm(self._state.Eval(context)[-3:]))
         pulling = [pull.force for pull in self._pulls if pull.pulls(time, speed)]
         wrenches = [np.concatenate([np.zeros(3), force]) for force in pulling]
-        return [applied for wrench in wrenches for applied in force_on(self._body_index, wrench)]
+        return [force for each in wrenches for force in force_on(self._body_index, each)]
 
     def _wrench(self, context: Context) -> Array:
         # State and reference of the same instant: one a step later would make the body lead.

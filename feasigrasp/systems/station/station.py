@@ -111,7 +111,8 @@ class Station(ArmPorts):
         if config.cameras:
             seen = SeenObject(self.object_label, obj.material, object_pose)
             arm = MeasuredArm(position, joints.zero, config.arm)
-            self._export_cameras(builder, config, obj, seen, arm)
+            present = Scene(self.scene_graph, plant, seen, arm)
+            self._export_cameras(builder, config, obj, present)
         builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
         builder.BuildInto(self)
@@ -158,9 +159,8 @@ class Station(ArmPorts):
         )
 
     def _geometries(self, instances: Iterable[ModelInstanceIndex]) -> GeometrySet:
-        plant = self.plant
-        indices = [index for instance in instances for index in plant.GetBodyIndices(instance)]
-        return plant.CollectRegisteredGeometries([plant.get_body(index) for index in indices])
+        bodies = [index for each in instances for index in self.plant.GetBodyIndices(each)]
+        return self.plant.CollectRegisteredGeometries([*map(self.plant.get_body, bodies)])
 
     def _export_arm(self, builder: DiagramBuilder, errors: DrawnJointErrors) -> OutputPort:
         """Exports the arm; returns the port of its true positions."""
@@ -238,26 +238,19 @@ class Station(ArmPorts):
         """
         if not config.distractor_bodies:
             return
-        distractor_bodies = add_distractor_bodies(
-            builder,
-            scene_graph,
-            config.distractor_bodies,
+        shown = add_distractor_bodies(
+            *(builder, scene_graph, config.distractor_bodies),
             name=name,
             directory=self._files.name,
             first_label=self.plant.num_bodies(),  # bodies of the plant have their index
         )
         servo = builder.GetSubsystemByName("object_servo")
-        builder.Connect(servo.GetOutputPort("let_go"), distractor_bodies.GetInputPort("let_go"))
+        builder.Connect(servo.GetOutputPort("let_go"), shown.GetInputPort("let_go"))
         if then is not None:
-            builder.Connect(then, distractor_bodies.GetInputPort("time"))
+            builder.Connect(then, shown.GetInputPort("time"))
 
     def _export_cameras(
-        self,
-        builder: DiagramBuilder,
-        config: StationConfig,
-        obj: RigidObject,
-        seen: SeenObject,
-        arm: MeasuredArm,
+        self, builder: DiagramBuilder, config: StationConfig, obj: RigidObject, present: Scene
     ) -> None:
         """Lets the cameras render from scene graphs of their own, one for each schedule.
 
@@ -270,14 +263,11 @@ class Station(ArmPorts):
         for index, (name, camera) in enumerate(config.cameras.items()):
             timing = Timing.of(camera)
             if timing not in scenes:
-                scenes[timing] = self._add_scene(builder, config, obj, timing, seen, arm)
+                scenes[timing] = self._add_scene(builder, config, obj, timing, present)
             camera = copy.deepcopy(camera)  # the caller's stays as it is
             camera.name = name
             export_camera(
-                builder,
-                camera,
-                scenes[timing],
-                arm.position,
+                *(builder, camera, scenes[timing], present.arm.position),
                 noise=config.camera_noise.get(name),
                 hand_eye=config.hand_eye.get(name),
                 seed=config.noise_seed + 2**32 * index,  # cameras err differently
@@ -289,8 +279,7 @@ class Station(ArmPorts):
         config: StationConfig,
         obj: RigidObject,
         timing: Timing | None,
-        seen: SeenObject,
-        arm: MeasuredArm,
+        present: Scene,
     ) -> Scene:
         """The scene that cameras of one schedule render; the present one without a schedule."""
         number = len(self._camera_plants) or ""
@@ -300,8 +289,12 @@ class Station(ArmPorts):
         self._add_models(plant, config, obj)
         plant.Finalize()
         self._camera_plants.append(plant)
-        state, scene = self.plant.get_state_output_port(), Scene(graph, plant, seen, arm)
+        state, scene = (
+            self.plant.get_state_output_port(),
+            present._replace(graph=graph, plant=plant),
+        )
         if timing is not None:
+            zero = np.zeros(config.arm.joints)
             context = plant.CreateDefaultContext()
             start = plant.GetPositionsAndVelocities(context)
             sensors, fingers = map(builder.GetSubsystemByName, ("joint_sensors", "gripper_state"))
@@ -312,14 +305,14 @@ class Station(ArmPorts):
                 timing,
                 (state, start),
                 (object_state, plant.GetPositionsAndVelocities(context, self.object_instance)),
-                (arm.position, np.zeros(config.arm.joints)),
-                (sensors.GetOutputPort("position_measured"), np.zeros(config.arm.joints)),
+                (present.arm.position, zero),
+                (sensors.GetOutputPort("position_measured"), zero),
                 (fingers.get_output_port(0), np.zeros(2)),
             )
             pose = add_connected(builder, f"exposed_object{number}", _BodyState(), body)
             scene = scene._replace(
-                seen=seen._replace(pose=pose.GetOutputPort("pose")),
-                arm=arm._replace(position=q),
+                seen=present.seen._replace(pose=pose.GetOutputPort("pose")),
+                arm=present.arm._replace(position=q),
                 stamp=stamp,
                 measured={"position": position, "gripper_state": gripper_state},
             )

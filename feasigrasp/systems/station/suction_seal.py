@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialForce, SpatialVelocity
+from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.systems.framework import Context, LeafSystem
 
@@ -50,7 +50,6 @@ class SuctionSeal(LeafSystem):
     """
 
     def __init__(self, plant: MultibodyPlant, cup: SuctionCup, obj: RigidObject) -> None:
-        """A cup and an object of a finalized plant."""
         super().__init__()
         instances = (plant.GetModelInstanceByName(name) for name in ("gripper", "object"))
         self._cup, self._object = cup, obj
@@ -67,7 +66,7 @@ class SuctionSeal(LeafSystem):
         self._twists = declare_input(self, "body_velocities", [SpatialVelocity.Zero()])
         self._carried = declare_input(self, "carried", [ExternallyAppliedSpatialForce()])
         self._seal = PeriodicState(self, _Seal(), step, self._advance)
-        declare_output(self, "state", self._calc_state, {self._seal.ticket()}, size=2)
+        declare_output(self, "state", self._calc_state, {self._seal}, size=2)
         model = [ExternallyAppliedSpatialForce()]
         declare_output(self, "spatial_force", self._calc, model=model)
 
@@ -83,8 +82,7 @@ class SuctionSeal(LeafSystem):
             return seal
         X_WG, X_WO = self._cup_pose(context), body_pose_kernel(self._state.Eval(context))
         if seal.X_GO is None:
-            X_OG = se3.inverse(X_WO) @ X_WG
-            obj = self._object
+            X_OG, obj = se3.inverse(X_WO) @ X_WG, self._object
             heights = mesh_heights(obj.vertices, obj.faces, X_OG, self._cup)
             return _Seal(se3.inverse(X_OG)) if seals(heights[None], self._cup)[0] else seal
         wrench, R_GW = self._wrench(context, seal.X_GO), X_WG[:3, :3].T
@@ -112,8 +110,6 @@ class SuctionSeal(LeafSystem):
             return forces
         wrench = self._wrench(context, X_GO)
         X_FW = self._poses.Eval(context)[self._hand].inverse()
-        on_hand = ExternallyAppliedSpatialForce()
-        on_hand.body_index = self._hand
+        (on_hand,) = force_on(self._hand, -wrench)
         on_hand.p_BoBq_B = X_FW @ self._state.Eval(context)[4:7]
-        on_hand.F_Bq_W = SpatialForce(F=-wrench)
         return [*forces, *force_on(self._body, wrench), on_hand]

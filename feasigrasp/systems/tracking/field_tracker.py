@@ -23,10 +23,6 @@ from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, scalar
 
-#: Images of two cameras that are no farther apart than this count as taken at once [s]. Source:
-#: guessed.
-_AT_ONCE = 0.02
-
 
 class FieldTracker(LeafSystem):
     """Pose and twist of an unknown object, from depth images of it; a drop-in for `ObjectTracker`.
@@ -74,7 +70,7 @@ class FieldTracker(LeafSystem):
         self._given = declare_input(self, "track", kind=FieldTrack | None)
         self._second = None if second is None else _Images(self, second, "second_")
         self._track = PeriodicState(self, FieldTrack(), self._config.image_period, self._look)
-        state = {self._track.ticket(), self._given.ticket()}
+        state = {self._track, self._given}
         now = {*state, self.time_ticket()}
         declare_output(self, "object_pose", self._calc_pose, now, model=RigidTransform())
         declare_output(
@@ -83,15 +79,12 @@ class FieldTracker(LeafSystem):
         declare_output(self, "object_motion", self._calc_motion, now)
         declare_output(self, "tracking", self.tracking, now)
         declare_output(self, "keyframe", lambda context: self._known(context).keyframe, state)
-        at_view = {*now, self._first.time_ticket}
+        at_view = {*now, self._first.stamp}
         declare_output(self, "pose_at_view", self._calc_at_view, at_view, model=RigidTransform())
-        declare_output(
-            self, "stamp", lambda context: self._known(context).image_time, state, size=1
-        )
+        known = self._known
+        declare_output(self, "stamp", lambda context: known(context).image_time, state, size=1)
         # Others do not need the shape that it tracks by, and it is large.
-        declare_output(
-            self, "track", lambda context: replace(self._known(context), model=None), state
-        )
+        declare_output(self, "track", lambda context: replace(known(context), model=None), state)
 
     def tracking(self, context: Context) -> Tracking:
         """Quality of the pose at present."""
@@ -110,9 +103,7 @@ class FieldTracker(LeafSystem):
 
     def _known(self, context: Context) -> FieldTrack:
         """The track of this tracker, or the one at its input."""
-        source = self._given if self._given.HasValue(context) else self._track
-        found: FieldTrack = source.Eval(context)
-        return found
+        return (self._given if self._given.HasValue(context) else self._track).Eval(context)
 
     def _look(self, context: Context) -> FieldTrack:
         before = self._known(context)
@@ -180,12 +171,11 @@ class _Images:
         self._cloud = declare_input(tracker, f"{prefix}point_cloud", PointCloud())
         self._camera_pose = declare_input(tracker, f"{prefix}camera_pose", RigidTransform())
         self._depth = declare_input(tracker, f"{prefix}depth_image", ImageDepth32F(1, 1))
-        self._time = tracker.DeclareVectorInputPort(f"{prefix}image_time", 1)
-        self.time_ticket = self._time.ticket()
+        self.stamp = tracker.DeclareVectorInputPort(f"{prefix}image_time", 1)
 
     def time(self, context: Context) -> float:
         """When the present image was taken [s]; now if nothing says so."""
-        return scalar(self._time, context, context.get_time())
+        return scalar(self.stamp, context, context.get_time())
 
     def view(self, context: Context) -> ObjectView:
         """What the present image shows."""
@@ -196,8 +186,7 @@ class _Images:
         return ObjectView(self._camera, X_WC, points, depth)
 
     def view_at(self, context: Context, time: float) -> ObjectView | None:
-        """What it saw at a time; None if it saw nothing within `_AT_ONCE` of it."""
-        stamped = self._time.HasValue(context)
-        if stamped and not abs(self.time(context) - time) <= _AT_ONCE:
+        """What it saw at a time; None if it saw nothing within 20 ms of it."""
+        if self.stamp.HasValue(context) and not abs(self.time(context) - time) <= 0.02:
             return None
         return self.view(context) if self._cloud.HasValue(context) else None

@@ -34,24 +34,24 @@ class KeyframesToGPDF(LeafSystem):
         """A perception that looks for a new keyframe every ``period`` seconds."""
         super().__init__()
         config = config or PerceptionConfig()
-        self._max_views, preset = config.views, config.preset
+        self._max_views = config.views
         self._options: dict[str, Any] = {
-            "preset": preset,
+            "preset": config.preset,
             "max_points": config.max_points,
             "length_scale": config.length_scale,
             "learnt": config.hidden_side,
         }
-        nothing = LearntShape(FusedCloud.empty(config.voxel_size, smooth=preset == DEFAULT))
+        nothing = Perceived(FusedCloud.empty(config.voxel_size, smooth=config.preset == DEFAULT))
         cap = sphere_points(400, 0.03)
         seen = Keyframe(cap[cap[:, 2] > 0.0], np.array([0.0, 0.0, 0.5]), 0.0)
         compiled = nothing.merged(seen, **self._options).gpdf  # before the first tick
         _ = None if compiled is None else compiled.completion
         self._keyframe = declare_input(self, "keyframe", kind=Keyframe | None)
         self._learnt = PeriodicState(self, nothing, period, self._look)
-        declare_perceived(self, self._perceived, {self._learnt.ticket()})
+        declare_perceived(self, self._learnt)
 
     def _look(self, context: Context) -> LearntShape:
-        learnt: LearntShape = self._learnt.Eval(context)
+        learnt: Perceived = self._learnt.Eval(context)
         key: Keyframe | None = evaluate(self._keyframe, context)
         enough = self._max_views and len(learnt.views.times) >= self._max_views
         if key is not None and enough and learnt.is_of(key):
@@ -60,14 +60,3 @@ class KeyframesToGPDF(LeafSystem):
         if after.gpdf is not None:
             object_grid(after.gpdf)  # now, and not in the tick of a controller that looks it up
         return after
-
-    def _perceived(self, context: Context) -> Perceived:
-        learnt: LearntShape = self._learnt.Eval(context)
-        return Perceived(
-            learnt.cloud,
-            learnt.gpdf,
-            learnt.views,
-            looked=learnt.looked,
-            outliers=learnt.outliers,
-            faults=learnt.faults,
-        )
