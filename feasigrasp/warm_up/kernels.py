@@ -39,7 +39,7 @@ class Kernel:
 
 @checked()
 def load_kernels(groups: Collection[str] = GROUPS) -> list[Kernel]:
-    """The functions of these groups; an ArgumentError for one that there is not."""
+    """The functions of these groups."""
     if unknown := set(groups) - set(GROUPS):
         raise ArgumentError(f"groups: no {sorted(unknown)}; there are {', '.join(GROUPS)}")
     found = json.loads(FILE.read_text())

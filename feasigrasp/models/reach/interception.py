@@ -197,10 +197,11 @@ def find_interceptions(
     options: InterceptionOptions,
     present: _CONFIGURATION | None = None,
 ) -> Interceptions:
-    """Interceptions of grasps X_OG (n, 4, 4) of a score (n,), each by its best configuration.
+    """Interceptions of grasps, each by its best configuration.
 
-    The last grasp is bound to the ``present`` branch and arm angle [rad], if there is one. Raises
-    ReachabilityError for an argument of another type or shape, or a pose that is none.
+    Grasps are X_OG (n, 4, 4) [m] with a score (n,). The last one is bound to the ``present`` branch
+    and arm angle [rad], if there is one. Raises ReachabilityError for an argument of another type
+    or shape, or a pose that is none.
     """
     n, times = len(X_OG), options.times(now.time)
     if len(now.q) != reachability.arm.joints:
