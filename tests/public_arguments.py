@@ -27,7 +27,7 @@ from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects import HarmonicMotion, load_object
 from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import MotionEstimate
-from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.objects.tracking import TrackerConfig
 from feasigrasp.models.reach import InterceptionOptions, Reachability
 from feasigrasp.models.reach.interception import Situation
 from feasigrasp.models.robot import IIWA_7, ParallelGripper, SuctionCup

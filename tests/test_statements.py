@@ -23,7 +23,7 @@ from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.rigid_object import builtin_objects
 from feasigrasp.models.objects.spring_drive import SPRINGS
-from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.objects.tracking import TrackerConfig
 from feasigrasp.models.reach.interception import InterceptionOptions
 from feasigrasp.models.robot import IIWA_7, ParallelGripper
 from feasigrasp.models.shape.gpdf_kernels import newton_step

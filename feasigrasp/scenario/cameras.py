@@ -7,7 +7,7 @@ from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.choices import nearest, parse_word
-from feasigrasp.models.objects.tracker_config import TrackerKind
+from feasigrasp.models.objects.tracking import TrackerKind
 from feasigrasp.scenario.schema import Scenario, Segmentation
 
 #: Pairs of numbers, and what the first must be.

@@ -33,7 +33,7 @@ from feasigrasp.models.choices import (
 from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.prediction import PredictionModel
-from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.objects.tracking import TrackerConfig
 from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.gripper_file import PACKAGED
 from feasigrasp.models.sensors.camera_errors import MATERIALS

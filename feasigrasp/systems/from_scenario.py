@@ -16,7 +16,7 @@ from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
-from feasigrasp.models.objects.tracker_config import TrackerKind
+from feasigrasp.models.objects.tracking import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model

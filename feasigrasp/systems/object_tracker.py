@@ -16,8 +16,7 @@ from feasigrasp.models.objects.pose_filter import (
     twist_kernel,
 )
 from feasigrasp.models.objects.prediction import MotionEstimate, predict_kernel
-from feasigrasp.models.objects.tracker_config import TrackerConfig, measured_pose
-from feasigrasp.models.objects.tracking import Tracking, TrackingState
+from feasigrasp.models.objects.tracking import TrackerConfig, Tracking, TrackingState, measured_pose
 from feasigrasp.systems.ports import (
     declare_cache,
     declare_input,

@@ -16,7 +16,7 @@ from pydrake.systems.primitives import (
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
-from feasigrasp.models.objects.tracker_config import TrackerKind
+from feasigrasp.models.objects.tracking import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import Gripper

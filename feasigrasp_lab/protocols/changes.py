@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from feasigrasp.models.objects.spring_drive import Compliance
-from feasigrasp.models.objects.tracker_config import TrackerKind
+from feasigrasp.models.objects.tracking import TrackerKind
 from feasigrasp.scenario.cell import BoxConfig
 from feasigrasp.scenario.schema import BezierPath, MotionConfig, Scenario, Segmentation
 

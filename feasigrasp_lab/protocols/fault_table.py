@@ -31,7 +31,7 @@ from feasigrasp.models.faults.images import (
     Outliers,
 )
 from feasigrasp.models.faults.object import ObjectMoved, ObjectPace, ObjectPulled
-from feasigrasp.models.objects.tracker_config import TrackerKind
+from feasigrasp.models.objects.tracking import TrackerKind
 from feasigrasp.scenario.schema import Scenario
 
 

@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from feasigrasp.models.objects.tracker_config import TrackerConfig, TrackerKind
+from feasigrasp.models.objects.tracking import TrackerConfig, TrackerKind
 from feasigrasp.runs.results.interrupts import Unfinished
 from feasigrasp.runs.results.provenance import git_revision
 from feasigrasp.scenario.parts import Part

@@ -9,8 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from feasigrasp.models.objects.motion import HarmonicMotion
-from feasigrasp.models.objects.tracker_config import TrackerConfig
-from feasigrasp.models.objects.tracking import TrackingState
+from feasigrasp.models.objects.tracking import TrackerConfig, TrackingState
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.ports import evaluate, to_value
 

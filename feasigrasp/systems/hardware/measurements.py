@@ -21,7 +21,7 @@ from pydrake.systems.sensors import (
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.tracker_config import TrackerConfig, measured_pose
+from feasigrasp.models.objects.tracking import TrackerConfig, measured_pose
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.channels import POSE_NAMES, pixels
 from feasigrasp.systems.ports import (

@@ -15,8 +15,7 @@ from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.arrays import Array, Floats, Mask
 from feasigrasp.models.clouds.camera import Camera
-from feasigrasp.models.objects.tracker_config import TrackerConfig
-from feasigrasp.models.objects.tracking import Tracking
+from feasigrasp.models.objects.tracking import TrackerConfig, Tracking
 from feasigrasp.models.segmentation.foreground import CameraView, Known, Label, segment
 from feasigrasp.models.segmentation.modeled_bodies import Kind, ModeledBodies, in_color_gate
 from feasigrasp.models.shape.gpdf import Gpdf

@@ -9,7 +9,7 @@ from pydrake.systems.primitives import Adder
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.faults.fault import PerceptionLate
-from feasigrasp.models.objects.tracker_config import TrackerKind
+from feasigrasp.models.objects.tracking import TrackerKind
 from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
 from feasigrasp.scenario.parts import Part

@@ -16,8 +16,7 @@ from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import MotionEstimate
-from feasigrasp.models.objects.tracker_config import TrackerConfig
-from feasigrasp.models.objects.tracking import Tracking, TrackingState
+from feasigrasp.models.objects.tracking import TrackerConfig, Tracking, TrackingState
 from feasigrasp.models.tracking.tracker import FieldTrack, track
 from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived

@@ -17,7 +17,7 @@ from pydrake.systems.sensors import ImageDepth16U, ImageToLcmImageArrayT, PixelT
 
 from feasigrasp.errors import HardwareError
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.objects.tracking import TrackerConfig
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.measurements import (
     ObjectPoseReceiver,

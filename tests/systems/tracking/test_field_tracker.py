@@ -10,8 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import ImageDepth32F
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.tracker_config import TrackerConfig
-from feasigrasp.models.objects.tracking import TrackingState
+from feasigrasp.models.objects.tracking import TrackerConfig, TrackingState
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
