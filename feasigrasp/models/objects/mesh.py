@@ -1,9 +1,12 @@
-"""Closed triangle meshes: reading, repair, decimation, mass properties, writing.
+"""Closed triangle meshes: reading, repair, decimation, cache on disk, writing.
 
 Everything that makes a mesh file from somewhere into the surface of one solid body, and every
 reason why it cannot be one, is in this file.
 """
 
+import hashlib
+import json
+import os
 import sys
 from itertools import combinations
 from pathlib import Path
@@ -15,16 +18,58 @@ from manifold3d import Error, Manifold, Mesh64
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from feasigrasp.errors import MeshError, needed_by
+from feasigrasp.errors import FeasigraspError, MeshError, needed_by
+from feasigrasp.inputs import read_arrays
 from feasigrasp.models.arrays import Array, Indices
-from feasigrasp.models.objects.mesh_cache import LARGE
+from feasigrasp.outputs import replacing
 
+#: Files from this size on are kept [bytes]; 1 MB is about 20 000 faces. Source: reasoned.
+LARGE = 4_000_000
+#: Another number when what is made of a mesh changes. Source: layout.
+_VERSION = 2
 #: Faces beyond this number slow contact down without changing a grasp. Source: guessed.
 MAX_FACES = 4000
 _UNITED, _TURNED = "united bodies that touch or overlap", "normals turned outward"
 
+#: A mesh, and a sentence for everything that had to be repaired or was reduced.
+Solid = tuple[trimesh.Trimesh, tuple[str, ...]]
 
-def read_solid(path: Path, scale: float = 1.0) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+
+def read_reduced(path: Path, scale: float) -> Solid:
+    """As `read_solid`, with `MAX_FACES` faces at most; kept on disk if the file is `LARGE`.
+
+    It is kept in ``$XDG_CACHE_HOME/feasigrasp``, by default ``~/.cache/feasigrasp``, if that can be
+    written to; a file there that is broken is made anew.
+    """
+    if not path.is_file() or path.stat().st_size < LARGE:
+        return _reduced(path, scale)
+    with path.open("rb") as content:
+        digest = hashlib.file_digest(content, "sha256").hexdigest()
+    key = hashlib.sha256(f"{digest} {scale!r} {MAX_FACES} {_VERSION}".encode()).hexdigest()
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    file = home / "feasigrasp" / f"{key[:32]}.npz"
+    try:
+        stored = read_arrays(file)
+        mesh = trimesh.Trimesh(stored["vertices"], stored["faces"], process=False)
+        return mesh, tuple(json.loads(str(stored["notes"])))
+    except (FeasigraspError, KeyError, ValueError):
+        mesh, notes = _reduced(path, scale)
+    try:
+        with replacing(file) as target:
+            text = np.array(json.dumps(notes))
+            np.savez(target, vertices=mesh.vertices, faces=mesh.faces, notes=text)
+    except FeasigraspError:
+        pass  # it is only quicker with it
+    return mesh, notes
+
+
+def _reduced(path: Path, scale: float) -> Solid:
+    solid, repairs = read_solid(path, scale)
+    mesh, reduction = decimate(solid, MAX_FACES)
+    return mesh, repairs + reduction
+
+
+def read_solid(path: Path, scale: float = 1.0) -> Solid:
     """Reads the surface of one solid body from a mesh file.
 
     Vertices are merged by position (normals and texture seams are dropped), the winding is made
@@ -55,7 +100,7 @@ def read_solid(path: Path, scale: float = 1.0) -> tuple[trimesh.Trimesh, tuple[s
     return mesh, notes
 
 
-def decimate(mesh: trimesh.Trimesh, max_faces: int) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+def decimate(mesh: trimesh.Trimesh, max_faces: int) -> Solid:
     """Reduces a closed mesh by quadric edge collapse, if it has more than ``max_faces`` faces.
 
     Returns:
@@ -189,7 +234,7 @@ def _check_closed(mesh: trimesh.Trimesh, path: Path) -> None:
     )
 
 
-def _one_solid(mesh: trimesh.Trimesh, path: Path) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+def _one_solid(mesh: trimesh.Trimesh, path: Path) -> Solid:
     """The solid that closed shells, connected surfaces, enclose, and what had to be repaired.
 
     Raises:

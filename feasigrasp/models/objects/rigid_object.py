@@ -13,14 +13,7 @@ from feasigrasp.inputs import read_json
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.choices import nearest
-from feasigrasp.models.objects.mesh import (
-    MAX_FACES,
-    decimate,
-    decimate_within,
-    obj_text,
-    read_solid,
-)
-from feasigrasp.models.objects.mesh_cache import Solid, kept
+from feasigrasp.models.objects.mesh import Solid, decimate_within, obj_text, read_reduced
 from feasigrasp.models.quantities import POINT, ArrayOf, Number, Positive, Share
 from feasigrasp.outputs import write_text
 from feasigrasp.resources import model_path
@@ -138,7 +131,7 @@ def load_object(
     file in the mesh's folder or its parent with ``{"objects": [{"name", "mesh", "mass_kg"}]}``, as
     in ``models/objects`` and in the YCB layout; its masses belong to meshes in metres. Meshes of
     more than 4000 faces are decimated; what is made of a file of 4 MB or more is kept on disk (see
-    `feasigrasp.models.objects.mesh_cache`) and made with a progress bar.
+    `read_reduced`) and made with a progress bar.
 
     Args:
         name_or_path: One of `builtin_objects()`, a mesh file, or ``folder/name`` for an entry of
@@ -174,13 +167,7 @@ def load_object(
 @lru_cache(maxsize=64)
 def _read_once(path: Path, scale: float, state: tuple[int, int] | None) -> Solid:
     """The solid of a file that stays as it is; every diagram asks for its object several times."""
-
-    def make() -> Solid:
-        solid, repairs = read_solid(path, scale)
-        mesh, reduction = decimate(solid, MAX_FACES)
-        return mesh, repairs + reduction
-
-    return kept(path, f"{scale!r} {MAX_FACES}", make)
+    return read_reduced(path, scale)
 
 
 def find_objects(directory: str | Path) -> dict[str, Path]:

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from feasigrasp.errors import MeshError
-from feasigrasp.models.objects import mesh_cache, rigid_object
+from feasigrasp.models.objects import mesh as mesh_module
 from feasigrasp.models.objects.mesh import decimate_within
 from feasigrasp.models.objects.rigid_object import builtin_objects, find_objects, load_object
 from feasigrasp_lab.training.data.raycasting import Raycaster
@@ -319,17 +319,17 @@ def test_folder_without_meshes(tmp_path):
 
 def test_what_was_made_of_a_large_file_is_kept(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(mesh_cache, "LARGE", 1000)
+    monkeypatch.setattr(mesh_module, "LARGE", 1000)
     path = save(trimesh.creation.icosphere(subdivisions=5, radius=0.04), tmp_path / "fine.ply")
     first = load_object(path)
     (kept,) = (tmp_path / "cache" / "feasigrasp").iterdir()
-    monkeypatch.setattr(rigid_object, "read_solid", lambda *args: pytest.fail("read again"))
+    monkeypatch.setattr(mesh_module, "read_solid", lambda *args: pytest.fail("read again"))
     again = load_object(path)
     assert again.notes == first.notes and again.mass == first.mass
     np.testing.assert_array_equal(again.vertices, first.vertices)
     monkeypatch.undo()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(mesh_cache, "LARGE", 1000)
+    monkeypatch.setattr(mesh_module, "LARGE", 1000)
     kept.write_bytes(kept.read_bytes()[:500])  # cut off: made anew
     np.testing.assert_array_equal(load_object(path).vertices, first.vertices)
     load_object(path, scale=0.5)  # another scale is another object
