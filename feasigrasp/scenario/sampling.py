@@ -18,10 +18,10 @@ from feasigrasp.models.choices import parse_word
 from feasigrasp.models.faults.object import altered
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.distractor_bodies import (
-    Carrier,
     CarrierKind,
-    Distractor,
     DistractorBody,
+    make_carrier,
+    make_distractor,
 )
 from feasigrasp.models.objects.mesh import read_surface
 from feasigrasp.models.objects.motion import BezierMotion, HarmonicMotion, ObjectMotion, bezier_legs
@@ -169,12 +169,12 @@ def make_distractor_bodies(
     bodies: list[DistractorBody] = []
     kind, distractor = CarrierKind(scenario.carrier.kind), scenario.distractor
     if kind is not CarrierKind.NONE:
-        bodies.append(Carrier.of(kind, obj, motion, scenario.carrier.hue))
+        bodies.append(make_carrier(kind, obj, motion, scenario.carrier.hue))
     if distractor.model:
         other = load_object(distractor.model)
         middle = np.zeros(3) if distractor.moving else _center(scenario)
-        about = (motion, middle + distractor.offset, distractor.moving)
-        bodies.append(Distractor("distractor", other.mesh, other.color, *about))
+        offset = middle + distractor.offset
+        bodies.append(make_distractor(other, motion, offset, distractor.moving))
     return bodies
 
 

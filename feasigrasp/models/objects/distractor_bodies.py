@@ -1,9 +1,9 @@
 """Visible bodies without contact: the carrier of the object, and a distractor."""
 
+from collections.abc import Callable
 from colorsys import hsv_to_rgb
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Self
 
 import numpy as np
 import trimesh
@@ -88,77 +88,54 @@ WITHDRAWAL_SPEED, WITHDRAWAL = 0.3, 0.5
 
 @dataclass(frozen=True, eq=False)
 class DistractorBody:
-    """Base class of visible bodies without contact.
+    """A visible body without contact.
 
     Attributes:
         name: What it is called.
         mesh: Its surface in its own frame C [m].
         color: Red, green, blue, alpha in [0, 1].
-        motion: That of the object.
+        pose: ``X_WC`` (4, 4) at a time [s], and so long after the object was let go [s], 0 while it
+            is carried.
     """
 
     name: str
     mesh: trimesh.Trimesh
     color: tuple[float, float, float, float]
-    motion: ObjectMotion
-
-    def pose(self, t: float, since: float) -> Array:
-        """``X_WC`` at time t [s], shape (4, 4).
-
-        ``since`` is how long the object has been let go [s], 0 while it is carried.
-        """
-        raise NotImplementedError
+    pose: Callable[[float, float], Array]
 
 
-@dataclass(frozen=True, eq=False)
-class Carrier(DistractorBody):
-    """Carrier of the object along its path; withdraws after the release.
+def make_carrier(
+    kind: CarrierKind, obj: RigidObject, motion: ObjectMotion, hue: float | None
+) -> DistractorBody:
+    """The carrier, which is not ``none``, of an object along its path; withdraws after the release.
 
-    Attributes:
-        X_OC: Its pose in the object's frame while it carries it, shape (4, 4).
-        withdraws: Along which direction of C it draws back, shape (3,).
+    ``hue`` is that of its color [deg]; None for that of skin.
+    """
+    # Colour of a carrier without a hue of its own, and saturation and value of one with it.
+    skin, vivid = (0.80, 0.58, 0.45), (0.9, 0.85)
+    color = skin if hue is None else hsv_to_rgb(hue / 360.0, *vivid)
+    R_OC = motion.pose(0.0)[:3, :3].T
+    surface_C = trimesh.Trimesh(obj.vertices @ R_OC, obj.faces, process=False)
+    X_OC = se3.make_pose(R_OC, np.zeros(3))
+    away = np.array([1.0, 0.0, 0.0] if kind is CarrierKind.HAND else [0.0, 0.0, -1.0])
+
+    def pose(t: float, since: float) -> Array:
+        back = min(WITHDRAWAL_SPEED * since, WITHDRAWAL) * away
+        return np.asarray(motion.pose(t) @ X_OC @ se3.make_pose(np.eye(3), back))
+
+    return DistractorBody("carrier", carrier_mesh(kind, surface_C), (*color, 1.0), pose)
+
+
+def make_distractor(
+    other: RigidObject, motion: ObjectMotion, offset: Array, moving: bool
+) -> DistractorBody:
+    """Another object, upright, at an offset (3,) [m] from the object, or at rest in the world.
+
+    One that is ``moving`` goes along with the motion of the object; it does not turn.
     """
 
-    X_OC: Array
-    withdraws: Array
+    def pose(t: float, since: float) -> Array:
+        beside = motion.pose(t)[:3, 3] if moving else np.zeros(3)
+        return np.asarray(se3.make_pose(np.eye(3), beside + offset))
 
-    @classmethod
-    def of(
-        cls, kind: CarrierKind, obj: RigidObject, motion: ObjectMotion, hue: float | None
-    ) -> Self:
-        """The carrier, which is not ``none``, of an object that starts where its motion does.
-
-        ``hue`` is that of its color [deg]; None for that of skin.
-        """
-        # Colour of a carrier without a hue of its own, and saturation and value of one with it.
-        skin, vivid = (0.80, 0.58, 0.45), (0.9, 0.85)
-        color = skin if hue is None else hsv_to_rgb(hue / 360.0, *vivid)
-        R_OC = motion.pose(0.0)[:3, :3].T
-        surface_C = trimesh.Trimesh(obj.vertices @ R_OC, obj.faces, process=False)
-        X_OC = se3.make_pose(R_OC, np.zeros(3))
-        mesh = carrier_mesh(kind, surface_C)
-        away = [1.0, 0.0, 0.0] if kind is CarrierKind.HAND else [0.0, 0.0, -1.0]
-        return cls("carrier", mesh, (*color, 1.0), motion, X_OC, np.array(away))
-
-    def pose(self, t: float, since: float) -> Array:
-        """``X_WC`` at time t [s], shape (4, 4); see `DistractorBody`."""
-        back = min(WITHDRAWAL_SPEED * since, WITHDRAWAL) * self.withdraws
-        return np.asarray(self.motion.pose(t) @ self.X_OC @ se3.make_pose(np.eye(3), back))
-
-
-@dataclass(frozen=True, eq=False)
-class Distractor(DistractorBody):
-    """Another object, upright, which moves beside the object or rests.
-
-    Attributes:
-        offset: Where it is from the object [m], or if it rests in the world, shape (3,).
-        moving: Whether it moves with the object; it does not turn.
-    """
-
-    offset: Array
-    moving: bool
-
-    def pose(self, t: float, since: float) -> Array:
-        """``X_WC`` at time t [s], shape (4, 4); see `DistractorBody`."""
-        beside = self.motion.pose(t)[:3, 3] if self.moving else np.zeros(3)
-        return np.asarray(se3.make_pose(np.eye(3), beside + self.offset))
+    return DistractorBody("distractor", other.mesh, other.color, pose)
