@@ -19,14 +19,7 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.grasps.grasp_set import ENOUGH, FLIP, GraspSet, Rejection, contacts
 from feasigrasp.models.grasps.hand_clearance import MARGIN, THIN_WALL, hand_freedom
-from feasigrasp.models.grasps.success_probability import (
-    CONTACT,
-    JOINT_CONTACT,
-    THIN_CONTACT,
-    contact_evidence,
-    odds,
-    probability,
-)
+from feasigrasp.models.grasps.success_probability import contact_evidence, contact_probability
 from feasigrasp.models.quantities import CLOUD, POSES, ArrayOf, Positive
 from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
@@ -120,13 +113,9 @@ def filter_grasps(
     left, pair_of = np.unique(pair_of, return_inverse=True)
     pairs, pair_of = pairs.select(left), pair_of.reshape(-1)
     angles, deviations = (part[pair_of] for part in contact_evidence(gpdf, pairs))
-    contact = probability(CONTACT, angles, deviations)
-    if prior is not None:
-        of_network = odds(candidates.score)
-        in_thin_wall = probability(THIN_CONTACT, of_network, deviations)
-        joint = probability(JOINT_CONTACT, of_network, odds(contact))
-        contact = np.where(candidates.width < THIN_WALL, in_thin_wall, joint)
-    score = contact * certain
+    of_network = None if prior is None else candidates.score
+    in_thin_wall = candidates.width < THIN_WALL
+    score = certain * contact_probability(angles, deviations, of_network, in_thin_wall)
     return replace(candidates, score=score).select(np.argsort(-score, kind="stable"))
 
 

@@ -7,15 +7,7 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry.points import nearest_distance
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet
-from feasigrasp.models.grasps.success_probability import (
-    CLEARANCE,
-    FAR,
-    JOINT_CLEARANCE,
-    UNOBSERVED_CLEARANCE,
-    clearance_evidence,
-    odds,
-    probability,
-)
+from feasigrasp.models.grasps.success_probability import free_probability
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.shape.gpdf import INVENTED, MARGIN_GROWTH, Gpdf, surface_deviation
 from feasigrasp.models.shape.scene_field import SceneField
@@ -43,6 +35,8 @@ def _placed(hand: Array, X: Array) -> Array:
 
 #: Least distance of the open hand from completed surface that was seen [m]. Source: guessed.
 MARGIN = 0.003
+#: Further away than this a hand is certainly free [m]. Source: guessed.
+FAR = 0.012
 #: In walls thinner than this the field's normals may point to either side [m]: there only a network
 #: can decide whether two contacts oppose each other. Source: guessed.
 THIN_WALL = 0.010
@@ -75,10 +69,7 @@ def hand_freedom(
         free[again] = clearance[again] >= MARGIN + MARGIN_GROWTH * deviation[again]
         apart = observed_clearance(gpdf, grasps.X_OG[in_doubt], gripper, INVENTED)
         free[in_doubt] = apart >= MARGIN
-    certain = probability(CLEARANCE, clearance_evidence(clearance, deviation))
-    joint = probability(JOINT_CLEARANCE, odds(learned), odds(certain))
-    certain = np.where(np.isnan(learned), certain, joint)
-    return free, np.where(in_doubt, probability(UNOBSERVED_CLEARANCE, odds(learned)), certain)
+    return free, free_probability(clearance, deviation, learned, in_doubt)
 
 
 def hand_clearance(gpdf: Gpdf, X_OG: Array, gripper: Gripper) -> tuple[Array, Array]:

@@ -8,8 +8,9 @@ says how much is left to chance.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from feasigrasp.models.arrays import Array
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.grasps.grasp_set import GraspSet, contacts
 from feasigrasp.models.shape.gpdf import Gpdf, surface_deviation
 
@@ -31,8 +32,6 @@ JOINT_CLEARANCE = (0.256, 0.375, 0.422)
 #: The same where the field has no data: constant, per log odds of a network. Source: fitted:
 #: `feasigrasp fit certainty`.
 UNOBSERVED_CLEARANCE = (1.044, 0.201)
-#: Further away than this a hand is certainly free [m]. Source: guessed.
-FAR = 0.012
 
 
 def contact_evidence(gpdf: Gpdf, pairs: GraspSet) -> tuple[Array, Array]:
@@ -47,6 +46,35 @@ def contact_evidence(gpdf: Gpdf, pairs: GraspSet) -> tuple[Array, Array]:
     return angles, surface_deviation(gpdf, first) + surface_deviation(gpdf, second)
 
 
+def contact_probability(
+    angles: Array, deviations: Array, learned: Array | None, thin: Mask
+) -> Array:
+    """Probability that contacts are good, shape (n,), by their `contact_evidence`.
+
+    It is weighed with that of a network, (n,), if there is one; in ``thin`` walls it replaces the
+    normals.
+    """
+    of_field = probability(CONTACT, angles, deviations)
+    if learned is None:
+        return of_field
+    joint = probability(JOINT_CONTACT, odds(learned), odds(of_field))
+    return np.where(thin, probability(THIN_CONTACT, odds(learned), deviations), joint)
+
+
+def free_probability(
+    clearance: Array, deviation: Array, learned: ArrayLike = np.nan, unseen: ArrayLike = False
+) -> Array:
+    """Probability that a hand is free, shape (n,), by its `clearance_evidence`.
+
+    It is weighed with that of a network, (n,), NaN where there is none; of hands that collide with
+    ``unseen`` surface alone, it is by the network's alone.
+    """
+    certain = probability(CLEARANCE, clearance_evidence(clearance, deviation))
+    joint = probability(JOINT_CLEARANCE, odds(learned), odds(certain))
+    certain = np.where(np.isnan(learned), certain, joint)
+    return np.where(unseen, probability(UNOBSERVED_CLEARANCE, odds(learned)), certain)
+
+
 def clearance_evidence(clearance: Array, deviation: Array) -> Array:
     """Clearances of the hand in units of their errors, shape (n,); see `hand_clearance`."""
     # Error of a clearance: where the surface was seen [m], and per predicted deviation.
@@ -54,7 +82,7 @@ def clearance_evidence(clearance: Array, deviation: Array) -> Array:
     return clearance / (clearance_error + deviation_share * deviation)
 
 
-def odds(p: Array) -> Array:
+def odds(p: ArrayLike) -> Array:
     """Log odds of probabilities (n,)."""
     # Probabilities are kept this far from 0 and 1. Source: numerical.
     least_probability = 1e-4

@@ -15,7 +15,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection, grasp_frames
 from feasigrasp.models.grasps.hand_clearance import MARGIN, hand_clearance
 from feasigrasp.models.grasps.non_maximum_suppression import LEAST_SCORE, suppress_non_maxima
 from feasigrasp.models.grasps.seal import LIP, cup_points, strain
-from feasigrasp.models.grasps.success_probability import CLEARANCE, clearance_evidence, probability
+from feasigrasp.models.grasps.success_probability import free_probability
 from feasigrasp.models.quantities import Count, Share
 from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.models.shape.gpdf import MARGIN_GROWTH, Gpdf, surface_deviation
@@ -35,7 +35,7 @@ def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:
     grasps = grasps.select(sealed[there], Rejection.NOT_FLAT)
     clearance, deviation = hand_clearance(gpdf, grasps.X_OG, cup)
     free = clearance >= MARGIN + MARGIN_GROWTH * deviation
-    likely = probability(CLEARANCE, clearance_evidence(clearance, deviation))
+    likely = free_probability(clearance, deviation)
     grasps = replace(grasps, score=grasps.score * likely).select(free, Rejection.COLLIDES)
     return grasps.select(np.argsort(-grasps.score, kind="stable"))
 

@@ -13,11 +13,10 @@ from feasigrasp.models.grasps.filter import (
     filter_grasps,
 )
 from feasigrasp.models.grasps.grasp_set import GraspSet, contacts
-from feasigrasp.models.grasps.hand_clearance import hand_clearance
+from feasigrasp.models.grasps.hand_clearance import FAR, hand_clearance
 from feasigrasp.models.grasps.success_probability import (
     CLEARANCE,
     CONTACT,
-    FAR,
     clearance_evidence,
     contact_evidence,
     probability,
