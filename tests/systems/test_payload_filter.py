@@ -3,8 +3,8 @@
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.grasps.pad_load import MassEstimate, PadLoad
+from feasigrasp.models.grasps.grasp_set import GraspSet, MassEstimate
+from feasigrasp.models.grasps.payload import PadLoad
 from feasigrasp.systems.reachability_filter import PayloadFilter
 
 

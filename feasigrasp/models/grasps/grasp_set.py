@@ -1,18 +1,19 @@
-"""A set of grasps of one object, in the object frame."""
+"""A set of grasps of one object, in the object frame, and the loads on the hand in them."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from types import MappingProxyType
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr, ndtri
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices
-from feasigrasp.models.grasps.pad_load import Load
 from feasigrasp.models.quantities import POSES, ArrayOf, Whole
 from feasigrasp.models.shape.gpdf import Gpdf
 
@@ -20,6 +21,9 @@ from feasigrasp.models.shape.gpdf import Gpdf
 UNKNOWN = -1
 #: So many grasps are enough to choose from. Source: guessed.
 ENOUGH = 10
+#: Standard deviation of the logarithm of what pads bear: of friction, and of patches on a surface
+#: that is a millimetre off. Source: guessed.
+GRIP_SPREAD = 0.4
 #: Half a turn about the approach direction: the same grasp, another pose of the hand. Source:
 #: definition.
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -45,6 +49,78 @@ class Rejection(StrEnum):
     NEAR_COPY = "near copy"
     UNCERTAIN = "uncertain"
     TOO_HEAVY = "too heavy there"
+
+
+@dataclass(frozen=True, eq=False)
+class MassEstimate(Frozen):
+    """A mass with a log-normal error, and a centre of mass with a normal one.
+
+    Attributes:
+        mass: Median [kg].
+        spread: Standard deviation of its logarithm.
+        p_OC: Expected centre of mass, in the frame of the field, shape (3,) [m].
+        centre_error: Standard deviation of the centre of mass along each axis [m].
+    """
+
+    mass: float
+    spread: float
+    p_OC: Array
+    centre_error: float
+
+    def __post_init__(self) -> None:
+        self._freeze(p_OC=np.array(self.p_OC, dtype=float).reshape(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Load(Frozen, ABC):
+    """Loads on a hand in n grasps of one object.
+
+    Attributes:
+        R_OG: Axes of the grasp frames, in O, shape (n, 3, 3).
+        lever: From the contact to the centre of mass, in O, shape (n, 3) [m].
+        body: Mass and centre of mass of the object, and their errors.
+    """
+
+    R_OG: Array
+    lever: Array
+    body: MassEstimate
+    _per_grasp: ClassVar[tuple[str, ...]] = ("R_OG", "lever")
+
+    def __post_init__(self) -> None:
+        self._freeze(**{k: np.array(getattr(self, k), dtype=float) for k in self._per_grasp})
+
+    def select(self, keep: NDArray[np.generic]) -> Self:
+        """The loads of the grasps that ``keep`` (mask or indices) names."""
+        parts: dict[str, Any] = {k: getattr(self, k)[keep] for k in self._per_grasp}
+        return replace(self, **parts)
+
+    def joined(self, other: "Load") -> Self:
+        """Concatenation of two loads of the same object."""
+        pairs = {k: (getattr(self, k), getattr(other, k)) for k in self._per_grasp}
+        parts: dict[str, Any] = {k: np.concatenate(pair) for k, pair in pairs.items()}
+        return replace(self, **parts)
+
+    @abstractmethod
+    def per_kilogram(self, down: ArrayLike | None = None) -> Array:
+        """Share of what the hand bears that one kilogram of the object takes, shape (n,).
+
+        The direction of gravity ``down`` is in O, shape (3,); None for the worst one.
+        """
+
+    def probability(self, down: ArrayLike | None = None, best: float | None = None) -> Array:
+        """Probability that the hand bears weight and inertial load, shape (n,).
+
+        Args:
+            down: Direction of gravity in O, shape (3,); None for the worst one for each grasp.
+            best: The object is no heavier than one of the grasps carries so likely; without it, as
+                heavy as estimated.
+        """
+        share = self.body.mass * self.per_kilogram(down)
+        spread = np.hypot(self.body.spread, GRIP_SPREAD)
+        margin = -np.log(share) / spread
+        if best is not None and np.isfinite(margin.max()):  # else none bears anything
+            margin += max(0.0, ndtri(best) - margin.max())
+        return np.asarray(ndtr(margin))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,17 +1,72 @@
-"""Payload filter: grasp wrench capacity of soft pads (Howe and Cutkosky 1996)."""
+"""Payload filter: mass of an object, loads of finger pads and cup, and which grasps bear them.
 
-from dataclasses import replace
+Weight that attacks beside the closing line turns the object about it, and nothing but the friction
+of the pads resists. About the other two axes they resist by where they press: on small patches,
+such as a hammer's head between the pads, that is not much more.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
-from feasigrasp.models.grasps.pad_load import PadLoad, estimate_mass
-from feasigrasp.models.grasps.seal import CupLoad
+from feasigrasp.models.grasps.grasp_set import GraspSet, Load, MassEstimate, Rejection
 from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.models.shape.gpdf import Gpdf
+
+# Mass and center of mass of a completed shape, with their uncertainty.
+#
+# The inside of an object is unobserved. Small household objects are solid, large ones hollow: their
+# mass grows about as their surface does, with the volume to the power of two thirds, and is known
+# by that to a factor of about two. The centre of mass is taken for that of the volume.
+
+#: Median mass of household objects of half a litre, as a field sees them, filled [kg]; the standard
+#: deviation of its logarithm. Source: guessed.
+TYPICAL_VOLUME, TYPICAL_MASS, MASS_SPREAD = 5e-4, 0.35, 0.6
+
+
+def estimate_mass(gpdf: Gpdf, mass: float | None = None) -> MassEstimate:
+    """Mass and centre of mass of a completed shape; the mass is given if it is known [kg]."""
+    # Points per axis at which the field is asked for inside and outside.
+    grid = 12
+    surface = gpdf.completion.points
+    lower, upper = surface.min(axis=0), surface.max(axis=0)
+    step = (upper - lower) / grid
+    axes = lower + (np.arange(grid)[:, None] + 0.5) * step
+    points = np.stack(np.meshgrid(*axes.T, indexing="ij"), axis=-1).reshape(-1, 3)
+    inside = gpdf.distance(points) < 0.0
+    inside[inside] = gpdf.possible(points[inside])
+    # A wall that is thinner than the grid is all surface.
+    filled = points[inside] if inside.any() else surface
+    centre = filled.mean(axis=0)
+    gyration = float(np.sqrt(((filled - centre) ** 2).sum(axis=1).mean()))
+    volume = max(1, int(np.count_nonzero(inside))) * float(np.prod(step))
+    typical = TYPICAL_MASS * (volume / TYPICAL_VOLUME) ** (2.0 / 3.0)
+    # What somebody has weighed is known better.
+    mass, spread = (typical, MASS_SPREAD) if mass is None else (mass, 0.05)
+    # The deviation of the centre of mass is a share of the radius of gyration of the volume.
+    return MassEstimate(mass, spread, centre, 0.2 * gyration)
+
+
+#: Of gravity, and what comes on top in any direction when the hand lifts and shakes [m/s^2].
+#: Source: definition: gravity; the hand's own motion is guessed.
+GRAVITY, HAND_ACCELERATION = 9.81, 2.0
+
+
+def unit_gravity(down: ArrayLike) -> Array:
+    """Direction of gravity as a unit vector (3,).
+
+    Raises:
+        GraspError: It is none.
+    """
+    g = np.asarray(down, dtype=float)
+    if g.shape != (3,) or not np.linalg.norm(g) > 0.0:
+        raise GraspError(f"down = {down!r}: give the direction of gravity, three numbers")
+    return np.asarray(g / np.linalg.norm(g))
+
 
 # What two soft pads can hold: pressure on the patches they touch, and the moment of its friction.
 #
@@ -94,6 +149,91 @@ def moment_limits(y: Array, z: Array, force: Array) -> Array:
     across, along = np.abs(y - centre[:, :1]), np.abs(z - centre[:, 1:])
     arms = np.stack([np.hypot(across, along), along, across])
     return np.asarray((force * arms).sum(axis=-1).T)
+
+
+@dataclass(frozen=True, eq=False)
+class PadLoad(Load):
+    """Loads on the pads in n grasps of one object.
+
+    Attributes:
+        force: Tangential force that both pads bear, shape (n,) [N].
+        moment: Moments about the axes of the grasp frame that both bear, shape (n, 3) [Nm].
+    """
+
+    force: Array
+    moment: Array
+    _per_grasp = (*Load._per_grasp, "force", "moment")
+
+    def per_kilogram(self, down: ArrayLike | None = None) -> Array:
+        """See `Load.per_kilogram`; without ``down`` gravity is the worst one for each moment.
+
+        The share is 1 on the limit surface, the ellipsoid ``(f / f_max)^2 + sum_i (m_i /
+        m_max,i)^2 = 1``.
+        """
+        r, e = np.einsum("nji,nj->ni", self.R_OG, self.lever), self.body.centre_error
+        beside = (r**2).sum(axis=1, keepdims=True) - r**2  # squared, of every axis
+        if down is None:
+            sideways, turning = np.ones(len(r)), beside + e * e
+        else:
+            g = self.R_OG.transpose(0, 2, 1) @ unit_gravity(down)
+            across = np.maximum(1.0 - g**2, 0.0)
+            sideways, turning = across[:, 0], np.cross(r, g) ** 2 + across * e * e
+        force = GRAVITY * np.sqrt(sideways) + HAND_ACCELERATION
+        by_hand = HAND_ACCELERATION * np.sqrt(beside + 2.0 * e * e)
+        moment = GRAVITY * np.sqrt(turning) + by_hand
+        with np.errstate(divide="ignore"):  # a patch of one cell bears no moment
+            shares = np.column_stack([force / self.force, moment / self.moment])
+        return np.asarray(np.linalg.norm(shares, axis=1))
+
+
+# What a suction cup can hold (Dex-Net 3.0; Mahler et al., ICRA 2018). The vacuum V presses the
+# sealed lip on with ``f_N = V - pull``; the contact is a soft finger on a ring of radius r:
+#
+#     friction  ``hypot(f_t, m_z / r) <= mu f_N``      bending  ``2 m_t / r <= f_N``
+#
+# The paper bounds friction by a pyramid and bending by a constant of the material; here friction is
+# the ellipsoid around that pyramid, and bending what opens one side of the ring, whose line load is
+# ``(f_N + 2 m_t cos(a) / r) / (2 pi r)``.
+
+
+def needed_vacuum(force: ArrayLike, moment: ArrayLike, cup: SuctionCup) -> Array:
+    """Vacuum force V that bears a wrench of the object on the cup (see above), shape (n,) [N].
+
+    Force (n, 3) [N] and moment (n, 3) about the middle of the lip [Nm] are in G; z pulls.
+    """
+    f, m = np.asarray(force, dtype=float), np.asarray(moment, dtype=float)
+    across, bending = np.hypot(f[..., 0], f[..., 1]), np.hypot(m[..., 0], m[..., 1])
+    friction = np.hypot(across, m[..., 2] / cup.radius) / cup.friction
+    return np.asarray(f[..., 2] + np.maximum(friction, 2.0 * bending / cup.radius))
+
+
+@dataclass(frozen=True, eq=False)
+class CupLoad(Load):
+    """Loads on a suction cup in n grasps of one object."""
+
+    cup: SuctionCup
+
+    def per_kilogram(self, down: ArrayLike | None = None) -> Array:
+        """Share of the vacuum that one kilogram of the object takes, shape (n,)."""
+        # Axes and diagonals: directions among which the worst is looked for.
+        ways = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        around = np.stack([self._needed(each) for each in ways]).max(axis=0)
+        if down is None:
+            share = (GRAVITY + HAND_ACCELERATION) * around
+        else:
+            share = GRAVITY * self._needed(unit_gravity(down)) + HAND_ACCELERATION * around
+        # A cup that is pressed on bears the more.
+        return np.maximum(share / self.cup.vacuum_force, 1e-6)
+
+    def _needed(self, direction: Array) -> Array:
+        """`needed_vacuum` of a force of 1 N at the center of mass, as far off as it may be."""
+        force = self.R_OG.transpose(0, 2, 1) @ direction
+        lever = np.einsum("nji,nj->ni", self.R_OG, self.lever)
+        moment = np.cross(lever, force)
+        bending = np.hypot(moment[:, 0], moment[:, 1]) + self.body.centre_error
+        turned = np.column_stack([bending, np.zeros(len(bending)), moment[:, 2]])
+        return needed_vacuum(force, turned, self.cup)
 
 
 #: Friction of rubber on household surfaces, and the share of the nominal force of a hand, that

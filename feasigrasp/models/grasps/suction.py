@@ -1,4 +1,9 @@
-"""Suction sampler: places of a completed surface that a cup closes on (Mahler et al. 2018)."""
+"""Suction sampler: places of a completed surface that a cup closes on (Mahler et al. 2018).
+
+The lip is a ring of points on springs to each other and to the apex. It seals if every point meets
+the surface along the approach direction with little strain in the springs, and if the surface has
+no gap inside the ring.
+"""
 
 from dataclasses import dataclass, field, replace
 
@@ -7,18 +12,84 @@ from scipy.special import ndtr
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import check_fields, checked
-from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.grasps.filter import above_table
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection, grasp_frames
 from feasigrasp.models.grasps.hand_clearance import MARGIN, hand_clearance
 from feasigrasp.models.grasps.non_maximum_suppression import LEAST_SCORE, suppress_non_maxima
-from feasigrasp.models.grasps.seal import LIP, cup_points, strain
 from feasigrasp.models.grasps.success_probability import free_probability
 from feasigrasp.models.quantities import Count, Share
 from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.models.shape.gpdf import MARGIN_GROWTH, Gpdf, surface_deviation
+
+#: Points on the lip. Source: numerical.
+LIP = 16
+
+
+def cup_points(cup: SuctionCup) -> Array:
+    """Points in the plane of the lip: `LIP` on it, then those inside, (k, 3) in G [m]."""
+    angle = np.arange(LIP) * 2.0 * np.pi / LIP
+    ring = cup.radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(LIP)], axis=1)
+    return np.concatenate([ring, 0.67 * ring[::2], 0.33 * ring[::4], np.zeros((1, 3))])
+
+
+def strain(heights: Array, cup: SuctionCup) -> Array:
+    """Largest strain (n,) of the springs of a lip on a surface with heights (n, `LIP`) in G [m].
+
+    Springs join neighbours on the lip, next but one neighbours, and each point with the apex, which
+    stands ``cup.height`` behind their mean.
+    """
+    z = heights - heights.mean(axis=1, keepdims=True)
+    worst = np.zeros(len(z))
+    for apart in (1, 2):
+        rest = 2.0 * cup.radius * np.sin(apart * np.pi / LIP)
+        length = np.hypot(rest, z - np.roll(z, apart, axis=1))
+        worst = np.maximum(worst, (length / rest - 1.0).max(axis=1))
+    cone = np.hypot(cup.radius, cup.height + z) / np.hypot(cup.radius, cup.height)
+    return np.asarray(np.maximum(worst, np.abs(cone - 1.0).max(axis=1)))
+
+
+def seals(heights: Array, cup: SuctionCup) -> Mask:
+    """Whether the lip closes on a surface, shape (n,).
+
+    The strain is below ``max_strain``, the lip is set down on the surface, and that has no gap
+    inside it, nor does it reach to the apex. Heights (n, k) of the surface in G are those at all
+    `cup_points`, infinite where there is none [m].
+    """
+    # A vacuum draws the lip on from this far [m]. Further in than half its height it is crushed.
+    near, deep = 0.001, 0.5 * cup.height
+    there = np.isfinite(heights).all(axis=1)
+    heights = np.where(np.isfinite(heights), heights, 0.0)
+    mean = heights[:, :LIP].mean(axis=1)
+    inside = np.abs(heights[:, LIP:] - mean[:, None]).max(axis=1) <= deep
+    down = (mean <= near) & (mean >= -deep)
+    return np.asarray(there & inside & down & (strain(heights[:, :LIP], cup) <= cup.max_strain))
+
+
+def mesh_heights(vertices: Array, faces: Indices, X_OG: Array, cup: SuctionCup) -> Array:
+    """Heights in G at which rays out of the cup meet a mesh first, at all `cup_points`, (k,) [m].
+
+    Triangles (f, 3) of vertices (v, 3) in O [m] are intersected in the plane of the lip, by
+    barycentric coordinates; rays start at the height of the apex.
+    """
+    in_G = (vertices - X_OG[:3, 3]) @ X_OG[:3, :3]
+    a, b, c = (in_G[faces[:, i]] for i in range(3))
+    xy = cup_points(cup)[:, None, :2]
+    u, v, w = (_twice_area(p, q, xy) for p, q in ((b, c), (c, a), (a, b)))
+    total = u + v + w
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = (u * a[:, 2] + v * b[:, 2] + w * c[:, 2]) / total
+    outside = np.minimum(np.minimum(u, v), w) * np.maximum(np.maximum(u, v), w) < 0.0
+    hit = ~outside & (np.abs(total) > 0.0) & (z >= -cup.height)
+    return np.asarray(np.where(hit, z, np.inf).min(axis=1, initial=np.inf))
+
+
+def _twice_area(p: Array, q: Array, at: Array) -> Array:
+    """Twice the signed area of triangles of edges (f, 3) and points (k, 1, 2), shape (k, f)."""
+    to_p, to_q = p[:, :2] - at, q[:, :2] - at
+    return np.asarray(to_p[..., 0] * to_q[..., 1] - to_p[..., 1] * to_q[..., 0])
 
 
 def filter_suction(gpdf: Gpdf, X_OG: Array, cup: SuctionCup) -> GraspSet:

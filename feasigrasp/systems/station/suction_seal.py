@@ -10,7 +10,8 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.seal import mesh_heights, needed_vacuum, seals
+from feasigrasp.models.grasps.payload import needed_vacuum
+from feasigrasp.models.grasps.suction import mesh_heights, seals
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.objects.spring_drive import (
     Spring,

@@ -5,13 +5,8 @@ import pytest
 from scipy.optimize import brentq
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.grasps.pad_load import (
-    GRAVITY,
-    GRIP_SPREAD,
-    HAND_ACCELERATION,
-    MassEstimate,
-    PadLoad,
-)
+from feasigrasp.models.grasps.grasp_set import GRIP_SPREAD, MassEstimate
+from feasigrasp.models.grasps.payload import GRAVITY, HAND_ACCELERATION, PadLoad
 
 #: Nothing but friction about the closing line can give way.
 TORSION = (0.4, np.inf, np.inf)

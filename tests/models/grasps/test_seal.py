@@ -5,19 +5,18 @@ import pytest
 import trimesh
 
 from feasigrasp.models.geometry.se3 import make_pose, so3_exp
-from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
-from feasigrasp.models.grasps.pad_load import GRAVITY, MassEstimate
-from feasigrasp.models.grasps.payload import with_loads
-from feasigrasp.models.grasps.seal import (
+from feasigrasp.models.grasps.grasp_set import GraspSet, MassEstimate, Rejection
+from feasigrasp.models.grasps.payload import GRAVITY, CupLoad, needed_vacuum, with_loads
+from feasigrasp.models.grasps.suction import (
     LIP,
-    CupLoad,
+    SuctionSampler,
     cup_points,
+    filter_suction,
     mesh_heights,
-    needed_vacuum,
+    recheck_suction,
     seals,
     strain,
 )
-from feasigrasp.models.grasps.suction import SuctionSampler, filter_suction, recheck_suction
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf

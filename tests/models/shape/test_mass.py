@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from feasigrasp.models.grasps.pad_load import (
+from feasigrasp.models.grasps.payload import (
     MASS_SPREAD,
     TYPICAL_MASS,
     TYPICAL_VOLUME,
