@@ -31,7 +31,7 @@ from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.one_thread import one_thread
 from feasigrasp.runs.metrics.motion_limits import JointTicks
 from feasigrasp.runs.metrics.reference_robot import reference_robot, self_collision_metrics

@@ -99,7 +99,7 @@ GRASP, SAFE, SCENARIO = (
 )
 REACH, TRACKER = SCENARIO.reachability, TrackerConfig()
 COMPLETE = defaults("feasigrasp.models.shape.completion.complete_shape")
-FIT = defaults("feasigrasp.models.shape.gpdf_fit.fit_gpdf")
+FIT = defaults("feasigrasp.models.shape.gpdf.fit_gpdf")
 MIXTURE = defaults("feasigrasp_lab.mixtures.fit.fit_best_mixture")
 EM = defaults("feasigrasp_lab.mixtures.fit.fit_riemannian_mixture")
 REACHABILITY = defaults("feasigrasp.Reachability")

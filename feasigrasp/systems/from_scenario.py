@@ -24,7 +24,7 @@ from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.modeled_bodies import ModeledBodies
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.scenario.parts import Part, make_named
 from feasigrasp.scenario.sampling import (
     load_scenario_object,

@@ -33,8 +33,7 @@ from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.quantities import JACOBIAN, JOINT_RATES, TWIST, NotNegative, Positive
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import pose_and_jacobian, tool_pose, tool_pose_and_jacobian
-from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import Gpdf, fit_gpdf
 from feasigrasp.models.shape.grids import object_grid, obstacle_grid
 from feasigrasp.models.shape.scene_field import SceneField, fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig

@@ -19,8 +19,7 @@ from tqdm import tqdm
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.gpdf_fit import fit_field
+from feasigrasp.models.shape.gpdf import Gpdf, fit_field
 from feasigrasp.models.shape.node_sums import gram_lower
 from feasigrasp_lab.paper.field import PAPER
 from feasigrasp_lab.results.arguments import add_common_arguments, select_objects

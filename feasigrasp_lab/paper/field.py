@@ -3,8 +3,7 @@
 from typing import Any
 
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import Gpdf, fit_gpdf
 
 #: ``fit_gpdf(cloud, **PAPER)``: no values beside the points, steps of d instead of Newton's.
 PAPER: dict[str, Any] = {

@@ -18,7 +18,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.systems.horizon_controller import GPJointController, RMMTaskController
 from feasigrasp.systems.ports import declare_output, to_value
 from tests.controller_bench import HOME, NEAR, REACH, STILL, UNKNOWN, Bench, every, ring

@@ -14,7 +14,7 @@ from feasigrasp.models.grasps.sequence import CommittedMotion, GraspSequenceConf
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel
 from feasigrasp.models.objects.prediction import MotionEstimate
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.ports import to_value
 from tests.sequencer_bench import (

@@ -7,7 +7,7 @@ from pydrake.common.value import Value
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.systems.ports import to_value
 from tests.sequencer_bench import (
     X_WO,

@@ -18,8 +18,7 @@ from feasigrasp.models.quantities import CLOUD, POINT, ArrayOf, Positive, Whole
 from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.segmentation.tabletop import check_no_table
 from feasigrasp.models.shape.completion import complete_shape
-from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import Gpdf, fit_gpdf
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,8 +28,7 @@ from feasigrasp.models.clouds.view_image import ViewImage, free_distance, rim_po
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.quantities import POINTS, ArrayOf, Count, Positive, Whole
-from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.gpdf_fit import fit_field
+from feasigrasp.models.shape.gpdf import Gpdf, fit_field
 from feasigrasp.models.shape.hidden_side import BackSurface, HiddenSide, load_hidden_side
 from feasigrasp.models.shape.node_sums import cross_covariance
 from feasigrasp.plugins import load_plugin, plugins

@@ -28,8 +28,7 @@ from feasigrasp.models.clouds.checks import MIN_POINTS, directions_to_camera
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
 from feasigrasp.models.clouds.observed_space import SCENE_VOXEL
 from feasigrasp.models.quantities import POINTS, VIEW, ArrayOf, Bound, NotNegative, Positive
-from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import Gpdf, fit_gpdf
 
 #: Edge length of the cubes with a field each [m]. Source: guessed.
 _CUBE = 0.25

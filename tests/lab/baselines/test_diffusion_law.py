@@ -8,7 +8,7 @@ from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp_lab.baselines.diffusion_energy import LENGTH
 from feasigrasp_lab.baselines.grasp_diffusion import LAST_TIME, load_grasp_diffusion
 from feasigrasp_lab.baselines.grasp_diffusion_controller import (

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.systems.horizon_controller import RMMTaskController
 from feasigrasp.systems.ports import to_value
 from feasigrasp_lab.baselines.grasp_diffusion_controller import GraspDiffusionController

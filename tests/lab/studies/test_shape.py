@@ -9,8 +9,7 @@ import pytest
 from feasigrasp.cli import main
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.models.shape.gpdf import predicted_deviation, surface_deviation
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf, predicted_deviation, surface_deviation
 from feasigrasp_lab.studies.shape import auc, measure, sample_level_set, true_samples
 from feasigrasp_lab.training.data.views import ViewedObject, look_at, turning_views
 

@@ -9,7 +9,7 @@ from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.filter import COSINE_STEPS
 from feasigrasp.models.grasps.grasp_set import contacts
 from feasigrasp.models.grasps.hand_clearance import MARGIN
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 
 SAMPLER = AntipodalSampler()
 

@@ -16,7 +16,7 @@ from feasigrasp.models.grasps.non_maximum_suppression import (
     recheck_grasps,
 )
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 GRIPPER = ParallelGripper()

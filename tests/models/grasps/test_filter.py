@@ -22,7 +22,7 @@ from feasigrasp.models.grasps.success_probability import (
     probability,
 )
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 
 GRIPPER = ParallelGripper()
 

@@ -10,7 +10,7 @@ from feasigrasp.models.grasps.filter import contact_state, filter_grasps
 from feasigrasp.models.grasps.grasp_set import ENOUGH
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.grasps.samplers import make_sampler
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp_lab.networks import TorchGraspNetwork
 
 SAMPLER = NetworkSampler(network=TorchGraspNetwork.untrained(seed=1))

@@ -15,7 +15,7 @@ from feasigrasp.models.grasps.payload import (
 )
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.gripper_file import WSG_50
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 
 FORCE, STIFFNESS = 40.0, 3e9
 

@@ -17,7 +17,7 @@ from feasigrasp.models.grasps.payload import (
 )
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp_lab.runs.floating_gripper import FloatingGripper
 
 GRIPPER = ParallelGripper()

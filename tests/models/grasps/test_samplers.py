@@ -5,7 +5,7 @@ import pytest
 
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.samplers import make_sampler, sampler_names
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 
 BALL = fit_gpdf(sphere_points(128, 0.03))
 

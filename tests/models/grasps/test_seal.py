@@ -19,7 +19,7 @@ from feasigrasp.models.grasps.suction import (
 )
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.suction_cup import SuctionCup
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 
 CUP = SuctionCup()
 R, H = CUP.radius, CUP.height

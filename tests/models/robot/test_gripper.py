@@ -8,7 +8,7 @@ from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.gripper_file import WSG_50
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp_lab.networks import TorchGraspNetwork
 
 

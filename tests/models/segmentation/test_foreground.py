@@ -12,7 +12,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.segmentation.components import MIN_PIXELS, find_components
 from feasigrasp.models.segmentation.foreground import CameraView, Known, Label, segment
 from feasigrasp.models.segmentation.modeled_bodies import Boxes, Kind, ModeledBodies
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 
 WIDTH, HEIGHT, F = 160, 120, 130.0
 CAMERA = Camera((F, F, 79.5, 59.5), WIDTH, HEIGHT, 0.1, 0.0)

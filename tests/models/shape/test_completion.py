@@ -9,7 +9,7 @@ from feasigrasp.errors import PointCloudError
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import complete_shape
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp_lab.paper.field import PAPER
 
 RADIUS = 0.04

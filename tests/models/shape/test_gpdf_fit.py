@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.clouds.checks import MIN_POINTS
 from feasigrasp.models.numerics.fast_math import fast_exp
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 
 RADIUS = 0.05
 

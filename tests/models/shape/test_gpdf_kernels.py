@@ -10,7 +10,7 @@ from feasigrasp.errors import PointCloudError
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.numerics.fast_math import MAX_EXPONENT, exp2_of_minus, rough_inverse_sqrt
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.gpdf_fit import fit_field, fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_field, fit_gpdf
 from feasigrasp.models.shape.node_sums import MIN_OCCUPANCY, TILE
 from feasigrasp_lab.paper.field import PAPER
 

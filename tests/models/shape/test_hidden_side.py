@@ -190,7 +190,7 @@ def test_weights_of_something_else_are_refused(tmp_path):
 
 
 def test_fields_load_torch_when_they_look_at_the_hidden_side_only():
-    names = "completion", "gpdf_fit", "scene_field"
+    names = "completion", "gpdf", "scene_field"
     imports = ", ".join(f"feasigrasp.models.shape.{name}" for name in names)
     code = f"import sys, {imports}\nprint({{'torch', 'pydrake', 'open3d'}} & set(sys.modules))"
     command = [sys.executable, "-c", code]

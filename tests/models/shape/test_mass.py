@@ -11,7 +11,7 @@ from feasigrasp.models.grasps.payload import (
     estimate_mass,
 )
 from feasigrasp.models.objects.rigid_object import find_objects, load_object
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.resources import model_path
 
 

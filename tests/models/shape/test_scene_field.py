@@ -81,7 +81,7 @@ def test_distances_are_those_of_plane_and_box(scene):
 
 def test_marching_down_the_gradient_of_one_field_would_not_do(scene):
     """What the module says of the plain refinement: why the nearest point comes first."""
-    from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+    from feasigrasp.models.shape.gpdf import fit_gpdf
 
     cloud = desk(0.001)
     x = queries(300)

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.runs.pictures.perception import (
     dense_surface,
     draw_perception,

@@ -14,7 +14,7 @@ from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.systems.monitoring.status_monitor import AGAIN, StatusMonitor
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 

@@ -8,7 +8,7 @@ from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I
 
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.systems.remote.served import packed, unpacked
 
 

@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp.scenario.parts import Part
 from feasigrasp.systems.ports import PeriodicState, declare_output

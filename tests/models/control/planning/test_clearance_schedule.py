@@ -13,7 +13,7 @@ from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.approach_corridor import ApproachCorridor
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.models.shape.grids import object_grid
 
 CORRIDOR, X_FG = ApproachCorridor(), ParallelGripper().X_FG

@@ -10,7 +10,7 @@ from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.geometry.points import nearest_distance, sphere_points
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.models.shape.grids import object_grid
 
 RADIUS = 0.06

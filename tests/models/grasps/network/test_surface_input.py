@@ -16,7 +16,7 @@ from feasigrasp.models.grasps.network.surface_input import (
     grasp_input,
 )
 from feasigrasp.models.shape.completion import CompletedField, complete_shape
-from feasigrasp.models.shape.gpdf_fit import fit_field, fit_gpdf
+from feasigrasp.models.shape.gpdf import fit_field, fit_gpdf
 
 DEVIATION, CHORD, COSINE, FAR = range(len(SCALARS))
 RADIUS = 0.03
