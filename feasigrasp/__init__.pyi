@@ -13,8 +13,8 @@ from .models.reach.reachability import Reachability as Reachability
 from .models.robot.gripper import ParallelGripper as ParallelGripper
 from .models.shape.completion import complete_shape as complete_shape
 from .models.shape.gpdf import Gpdf as Gpdf
-from .models.shape.gpdf_fit import fit_gpdf as fit_gpdf
-from .models.tracking.sequence import SequenceTracker as SequenceTracker
+from .models.shape.gpdf import fit_gpdf as fit_gpdf
+from .models.tracking.tracker import SequenceTracker as SequenceTracker
 from .recordings.folder import read_depth_folder as read_depth_folder
 from .runs.run import Result as Result
 from .runs.run import run as run

@@ -11,8 +11,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp import Result
 from feasigrasp.models.clouds import FusedCloud
+from feasigrasp.models.clouds.checks import ViewRecord
 from feasigrasp.models.clouds.edges import Outline
-from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.control import (
     HorizonOptions,
     ProgramOptions,

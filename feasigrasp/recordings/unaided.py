@@ -25,7 +25,7 @@ from feasigrasp.models.segmentation.components import find_components
 from feasigrasp.models.segmentation.foreground import CameraView, Known, Label, segment
 from feasigrasp.models.segmentation.modeled_bodies import SIGMAS, Kind
 from feasigrasp.models.segmentation.tabletop import support_plane, table_plane
-from feasigrasp.models.tracking.sequence import SequenceTracker
+from feasigrasp.models.tracking.tracker import SequenceTracker
 from feasigrasp.models.tracking.view import ObjectView
 
 

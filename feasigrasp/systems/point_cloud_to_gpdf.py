@@ -14,16 +14,23 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
+from feasigrasp.models.clouds.checks import (
+    MIN_POINTS,
+    MIN_SPREAD,
+    ViewFault,
+    ViewRecord,
+    of_one_depth,
+    spread_across,
+    usable_points,
+)
 from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.usable import ViewFault, ViewRecord, of_one_depth, usable_points
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.quantities import Bound, Count, Positive, Whole
 from feasigrasp.models.shape.completion import DEFAULT, complete_shape
 from feasigrasp.models.shape.grids import object_grid
-from feasigrasp.models.tracking.sequence import LearntShape
+from feasigrasp.models.tracking.tracker import LearntShape
 from feasigrasp.scenario.schema import PerceptionConfig
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional, scalar
 

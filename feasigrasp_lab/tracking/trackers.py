@@ -11,12 +11,12 @@ from importlib.util import find_spec
 import numpy as np
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.clouds.checks import ViewRecord
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.tracking.keyframe import KEY_PERIOD, KEY_VIEWS
-from feasigrasp.models.tracking.sequence import SequenceTracker
+from feasigrasp.models.tracking.tracker import SequenceTracker
 from feasigrasp.models.tracking.view import ObjectView
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.math import RigidTransform
 
-from feasigrasp.models.clouds.usable import ViewFault
+from feasigrasp.models.clouds.checks import ViewFault
 from tests.perception_bench import CAMERA, POSES, Perception, seen_from, sphere
 
 

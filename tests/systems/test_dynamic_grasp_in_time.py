@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from feasigrasp.models.clouds.usable import ViewFault
+from feasigrasp.models.clouds.checks import ViewFault
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.runs.metrics.reference_robot import reference_robot, self_collision_metrics

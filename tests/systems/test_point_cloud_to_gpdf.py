@@ -7,9 +7,9 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.perception import PointCloud
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.models.clouds.checks import ViewFault
 from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.usable import ViewFault
 from feasigrasp.systems import point_cloud_to_gpdf
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from tests.perception_bench import CAMERA, POSES, RADIUS, Perception, seen_from, sphere

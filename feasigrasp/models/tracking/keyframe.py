@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.clouds.checks import ViewRecord
 from feasigrasp.models.clouds.edges import Outline
-from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.tracking.registration import Registration
 from feasigrasp.models.tracking.view import ObjectView
 
@@ -89,11 +89,6 @@ def is_worth_merging(key: Keyframe, found: Registration, last: float, views: Vie
     return late and views.adds_information(key.p_OC, key.time, KEY_VIEWS, revisit)
 
 
-def is_cut(view: ObjectView) -> bool:
-    """Whether an image ends within the object."""
-    return bool(_at_border(view).any())
-
-
 def cut_off(known: Array, view: ObjectView, X_WO: Array) -> Array:
     """Points (l, 3) of the surface that image borders cut off, after one more view.
 
@@ -103,15 +98,10 @@ def cut_off(known: Array, view: ObjectView, X_WO: Array) -> Array:
     known_W = known @ X_WO[:3, :3].T + X_WO[:3, 3]
     # They are cut off until an image shows a margin of this width around them [px].
     known = known[view.camera.to_border(view.in_camera(known_W)) < 12.0]
-    found = _in_object(X_WO, view.points_W[_at_border(view)])
+    found = _in_object(X_WO, view.points_W[view.at_border])
     # Numbers of points that are kept of an image, and of all.
     some = found[:: max(1, -(-len(found) // 60))]
     return np.concatenate([known, some])[-600:]
-
-
-def _at_border(view: ObjectView) -> Mask:
-    """Mask of points so near to the border of an image that it cuts the object off there."""
-    return np.asarray(view.camera.to_border(view.points_C) < 4.0)
 
 
 def _in_object(X_WO: Array, points_W: Array) -> Array:

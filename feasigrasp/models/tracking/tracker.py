@@ -1,4 +1,4 @@
-"""Frame-to-model tracking of an object by its distance field.
+"""Frame-to-model tracking of an object by its distance field, which is refined on the way.
 
 The frame O is that of the first view: its origin is the center of the visible points, its axes are
 those of the world. This view is the first keyframe, from which a field is fitted elsewhere; once
@@ -9,41 +9,39 @@ tracked one: merging does not move O. An object that is in sight as a whole for 
 pose, is begun anew: what was learnt of it is wrong, or was not its side.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.clouds.usable import ViewRecord
+from feasigrasp.models.clouds.checks import ViewFault, ViewRecord, usable_points
+from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel, parts
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 from feasigrasp.models.objects.tracking import COASTING_AFTER, TrackingState
 from feasigrasp.models.quantities import UNKNOWN_POSE, ArrayOf, Bound, Instant, NotNegative, Share
+from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.tracking.keyframe import (
     KEY_PERIOD,
     Keyframe,
     cut_off,
-    is_cut,
     is_worth_merging,
     keyframe_of,
     outlined,
 )
 from feasigrasp.models.tracking.model import TrackedModel, surface_deviation
-from feasigrasp.models.tracking.reacquisition import (
-    ANY_ORIENTATION_SPREAD,
-    SEARCH_SPREAD,
-    reacquire,
-    registered,
-)
 from feasigrasp.models.tracking.registration import (
     Registration,
     is_accepted,
     is_found,
+    reacquire,
+    registered,
     shows_model,
 )
 from feasigrasp.models.tracking.twist_filter import JERK, TwistFilter, moved, pose_error
@@ -173,7 +171,7 @@ def track(
     if held and X_WC_before is not None:
         expected = expected.carried(estimate, view.X_WC @ se3.inverse(X_WC_before) @ estimate.X_WO)
     before = replace(before, estimate=expected)
-    whole = len(view.points_W) >= FIRST_POINTS and not is_cut(view)
+    whole = len(view.points_W) >= FIRST_POINTS and not view.at_border.any()
     if model is None and whole and before.keyframe is not None and looked >= before.keyframe.time:
         return _begun(before, view, time)  # no field came of the first view
     if model is None:
@@ -224,7 +222,7 @@ def _by_middle(before: FieldTrack, view: ObjectView) -> FieldTrack:
     middle_error = 4e-3
     expected = before.estimate
     assert expected is not None
-    if len(view.points_W) < FIRST_POINTS or is_cut(view):
+    if len(view.points_W) < FIRST_POINTS or view.at_border.any():
         return replace(before, in_view=0.0)
     information = np.diag(np.repeat([0.0, middle_error**-2], 3))
     P = expected.pose_covariance
@@ -282,7 +280,9 @@ def _located(
         before = replace(before, searched_at=time)
         # Where it is expected, and where it is if it has gone on as it went.
         any_orientation = round(1e3 * abs(time)) if gap > _LONG_GAP else None
-        sigma = SEARCH_SPREAD if any_orientation is None else ANY_ORIENTATION_SPREAD
+        # What the place is known to be worth after a gap, beside what the filter says [rad, m]; and
+        # after a long one, in which the object may have turned to any side.
+        sigma = (0.3, 0.05) if any_orientation is None else (1.5, 0.1)
         wide, on = expected.widened(np.diag(np.square(np.repeat(sigma, 3)))), last.pose(time)
         found = reacquire(
             model, view, (wide.X_WO, on), wide.pose_covariance, any_orientation=any_orientation
@@ -339,3 +339,95 @@ def _passed_on(track: FieldTrack) -> FieldTrack:
     measure_kernel(motion, track.image_time, np.array(track.estimate.X_WO), noise)
     seen = track.measured_at == track.image_time
     return replace(track, motion=motion, measured_motion=motion if seen else track.measured_motion)
+
+
+@dataclass(frozen=True, eq=False)
+class LearntShape(Frozen):
+    """Shape merged from the keyframes.
+
+    Attributes:
+        cloud: The merged keyframes, in O.
+        gpdf: The field fitted to them; None before the first.
+        views: From where they were taken.
+        looked: Time of the last keyframe, whether it could be used or not [s].
+        outliers: Points of the merged views that were dropped as outliers.
+        faults: How many keyframes could not be used, by `ViewFault`.
+    """
+
+    cloud: FusedCloud = field(default_factory=lambda: FusedCloud.empty(0.003, smooth=True))
+    gpdf: Gpdf | None = None
+    views: ViewRecord = field(default_factory=ViewRecord)
+    looked: float = -np.inf
+    outliers: int = 0
+    faults: Counter[ViewFault] = field(default_factory=Counter)
+
+    def merged(self, keyframe: Keyframe | None, **options: Any) -> "LearntShape":
+        """With a tracker's last keyframe, if it is a new one, and if a field comes of it.
+
+        A keyframe in a frame O that was begun anew is the first: what was there is forgotten. The
+        options are those of `complete_shape`.
+        """
+        if keyframe is None or keyframe.time <= self.looked:
+            return self
+        looked = replace(self, looked=keyframe.time)
+        before = self if self.is_of(keyframe) else self._forgotten()
+        points, known = keyframe.points_O, before.cloud.points
+        # Fewer points are no view to merge.
+        kept, fault, _ = usable_points(points, keyframe.p_OC, 64, known)
+        if fault is not None:
+            return replace(looked, faults=self.faults + Counter([fault]))
+        # The tracker has registered it to this very cloud; merging must not move O.
+        cloud = before.cloud.merged(
+            *(kept, keyframe.p_OC),
+            register=False,
+            outline=keyframe.outline,
+            deviation=keyframe.deviation,
+        )
+        try:
+            gpdf = complete_shape(cloud, **options)
+        # Whatever numerics make of a strange cloud (LinAlgError is a ValueError).
+        except (ValueError, ArithmeticError):
+            return replace(looked, faults=self.faults + Counter([ViewFault.NO_FIELD]))
+        return replace(
+            looked,
+            cloud=cloud,
+            gpdf=gpdf,
+            views=before.views.extended(keyframe.p_OC, keyframe.time),
+            outliers=before.outliers + len(keyframe.points_O) - len(kept),
+        )
+
+    def is_of(self, keyframe: Keyframe) -> bool:
+        """Whether what has been merged is in the frame O of a keyframe."""
+        return not len(self.views.times) or keyframe.begun_at <= self.views.times[0]
+
+    def _forgotten(self) -> "LearntShape":
+        nothing = FusedCloud.empty(self.cloud.voxel_size, smooth=self.cloud.smooth)
+        return replace(self, cloud=nothing, gpdf=None, views=ViewRecord(), outliers=0)
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceTracker(Frozen):
+    """A tracker and what it has learnt, image by image.
+
+    Attributes:
+        track: The tracker.
+        shape: The shape it tracks by.
+    """
+
+    track: FieldTrack = field(default_factory=FieldTrack)
+    shape: LearntShape = field(default_factory=LearntShape)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    @checked()
+    def looked(self, view: ObjectView, time: float) -> "SequenceTracker":
+        """Takes in an image; its keyframe is not merged yet, see `learnt`."""
+        gpdf, views, looked = self.shape.gpdf, self.shape.views, self.shape.looked
+        return replace(self, track=track(self.track, view, time, gpdf, views, looked=looked))
+
+    def learnt(self) -> "SequenceTracker":
+        """With the last keyframe merged, if it is not already."""
+        # Points that the field is fitted to: what there is time for ten times a second.
+        shape = self.shape.merged(self.track.keyframe, max_points=320)
+        return self if shape is self.shape else replace(self, shape=shape)

@@ -59,6 +59,11 @@ class ObjectView(Frozen):
         """The points in the camera's frame, shape (n, 3) [m]."""
         return self.in_camera(self.points_W)
 
+    @cached_property
+    def at_border(self) -> Mask:
+        """Mask of points so near to the border of the image that it cuts the object off there."""
+        return np.asarray(self.camera.to_border(self.points_C) < 4.0)
+
     @checked(CameraError)
     def in_camera(self, points_W: Annotated[Array, POINTS]) -> Array:
         """Points (n, 3) of the world in the camera's frame."""

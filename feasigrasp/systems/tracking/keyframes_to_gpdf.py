@@ -10,7 +10,7 @@ from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import DEFAULT
 from feasigrasp.models.shape.grids import object_grid
 from feasigrasp.models.tracking.keyframe import Keyframe
-from feasigrasp.models.tracking.sequence import LearntShape
+from feasigrasp.models.tracking.tracker import LearntShape
 from feasigrasp.scenario.schema import PerceptionConfig
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived, declare_perceived
 from feasigrasp.systems.ports import PeriodicState, declare_input, evaluate

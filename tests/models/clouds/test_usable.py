@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.clouds.usable import ViewFault, of_one_depth, usable_points
+from feasigrasp.models.clouds.checks import ViewFault, of_one_depth, usable_points
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.geometry.se3 import make_pose, so3_exp
 

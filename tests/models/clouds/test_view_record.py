@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.clouds.usable import ViewRecord
+from feasigrasp.models.clouds.checks import ViewRecord
 
 
 def seen_from(*cameras):

@@ -4,7 +4,7 @@ import numpy as np
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.tracking import TrackingState
-from feasigrasp.models.tracking.sequence import SequenceTracker
+from feasigrasp.models.tracking.tracker import SequenceTracker
 from feasigrasp.models.tracking.view import ObjectView
 from tests.object_views import look
 from tests.tracked_block import SURFACE, on_a_circle, surface_error

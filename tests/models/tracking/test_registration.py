@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from feasigrasp.models.clouds.checks import ViewRecord
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.usable import ViewRecord
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.tracking.keyframe import is_worth_merging, keyframe_of

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from feasigrasp.models.clouds.usable import ViewRecord
+from feasigrasp.models.clouds.checks import ViewRecord
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracking import TrackingState
-from feasigrasp.models.tracking.sequence import SequenceTracker
-from feasigrasp.models.tracking.tracker import FieldTrack, track
+from feasigrasp.models.tracking.tracker import FieldTrack, SequenceTracker, track
 from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp_lab.training.data.raycasting import Raycaster
 from tests.object_views import camera_at, look

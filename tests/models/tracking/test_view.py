@@ -9,7 +9,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.grids import object_grid
 from feasigrasp.models.tracking.keyframe import keyframe_of, outlined
-from feasigrasp.models.tracking.sequence import LearntShape
+from feasigrasp.models.tracking.tracker import LearntShape
 from feasigrasp.models.tracking.view import ObjectView
 
 CAMERA = Camera((220.0, 220.0, 211.5, 119.5), 424, 240, 0.07, 0.002)
