@@ -20,10 +20,9 @@ from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.clouds.camera import Camera, unproject
 from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels, smeared_pixels
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.segmentation.color_histogram import ColorHistogram
 from feasigrasp.models.segmentation.components import find_components
 from feasigrasp.models.segmentation.foreground import CameraView, Known, Label, segment
-from feasigrasp.models.segmentation.modeled_bodies import SIGMAS, Kind
+from feasigrasp.models.segmentation.modeled_bodies import SIGMAS, ColorHistogram, Kind
 from feasigrasp.models.segmentation.tabletop import support_plane, table_plane
 from feasigrasp.models.tracking.tracker import SequenceTracker
 from feasigrasp.models.tracking.view import ObjectView

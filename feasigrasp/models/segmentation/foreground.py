@@ -17,7 +17,7 @@
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import product
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.segmentation.components import Components, find_components
 from feasigrasp.models.segmentation.modeled_bodies import SIGMAS, Kind
+from feasigrasp.models.shape.gpdf import Gpdf
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,18 +45,7 @@ class CameraView(Frozen):
     X_WC: Array
 
 
-class DistanceField(Protocol):
-    """Interface of the object's distance field; a `Gpdf` is one."""
-
-    @property
-    def bounds(self) -> Array:
-        """Lower and upper corner of the object, shape (2, 3) [m]."""
-
-    def distance_and_gradient(self, x: Array) -> tuple[Array, Array]:
-        """Raw distance (m,) and its gradient (m, 3) at x (m, 3)."""
-
-
-def distance_to(field: DistanceField, points_O: Array, within: float = 0.0) -> Array:
+def distance_to(field: Gpdf, points_O: Array, within: float = 0.0) -> Array:
     """First-order distance ``|d| / |grad d|`` of points (m, 3) from the field's zero, (m,) [m].
 
     Infinite for what is farther than ``within`` [m], and than 3 cm, beside its bounds.
@@ -69,7 +59,7 @@ def distance_to(field: DistanceField, points_O: Array, within: float = 0.0) -> A
 
 
 def agreeing(
-    components: Components, points: Floats, field: DistanceField, X_WO: Array, slack: float
+    components: Components, points: Floats, field: Gpdf, X_WO: Array, slack: float
 ) -> tuple[list[int], Indices]:
     """The components that are of an object with that field at that pose, and single pixels.
 
@@ -169,7 +159,7 @@ class Known(NamedTuple):
         slack: How far off ``X_WO`` may be, beside what is usual [m].
     """
 
-    field: DistanceField | None = None
+    field: Gpdf | None = None
     X_WO: Array | None = None
     lost: bool = False
     before: CameraView | None = None

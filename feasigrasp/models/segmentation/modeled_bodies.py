@@ -1,17 +1,18 @@
-"""Labels of pixels on the robot at its measured joints, on the static cell, and of a hue.
+"""Labels of pixels on the robot at its measured joints, on the static cell, and by color.
 
 The arm is made of the capsules of `models.robot.capsules`, the hand of boxes that fit it closely,
 since the object comes between its fingers, and the cell of boxes too. A point belongs to a body if
 it lies in it, or no farther from it than `MARGIN` and what the camera's noise explains.
 """
 
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.arrays import Array, Floats, Mask
+from feasigrasp.models.arrays import Array, Floats, Frozen, Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.arm import Arm
@@ -40,6 +41,40 @@ def in_color_gate(color: NDArray[np.uint8], hue_deg: float) -> Mask:
     return np.asarray((off < 20.0) & vivid & (value > least_value))
 
 
+@dataclass(frozen=True, eq=False)
+class ColorHistogram(Frozen):
+    """How probable it is that a color is the object's, where both kinds are as frequent.
+
+    The histogram of the object against that of its surroundings (Swain and Ballard, "Color
+    indexing", 1991, with that of the background in the ratio).
+
+    Attributes:
+        probability: By bin, shape (8 ** 3,).
+    """
+
+    probability: Array
+
+    @classmethod
+    def learnt(cls, color: NDArray[np.uint8], of_object: Mask, beside: Mask) -> Self:
+        """The histograms of an image (h, w, 3), of pixels of the object and of something else."""
+        # Pixels that every bin has beforehand, of either kind: unseen colors say nothing.
+        prior = 5.0
+        bins, number = _bins(color), 8**3
+        on, off = (np.bincount(bins[mask], minlength=number) for mask in (of_object, beside))
+        scale = max(float(on.sum()), 1.0) / max(float(off.sum()), 1.0)
+        return cls((on + prior) / (on + scale * off + 2.0 * prior))
+
+    def of(self, color: NDArray[np.uint8]) -> Array:
+        """The probability of each pixel of an image (h, w, 3), shape (h, w)."""
+        return np.asarray(self.probability[_bins(color)])
+
+
+def _bins(color: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """The bin of each pixel: the three highest bits of every channel."""
+    high = (color >> 5).astype(np.int64)
+    return (high[..., 0] << 6) | (high[..., 1] << 3) | high[..., 2]
+
+
 class Kind(IntEnum):
     """Kinds of pixels; `ModeledBodies` gives all but the last one."""
 
@@ -60,19 +95,14 @@ class Boxes(NamedTuple):
     """Boxes in the world.
 
     Attributes:
-        X_WB: Poses of their middles, shape (k, 4, 4).
+        X_WB: Poses of their middles, shape (k, 4, 4); none by default.
         half: Half their sizes, shape (k, 3) [m].
         solid: Which are bodies themselves, and not boxes about some, shape (k,); none by default.
     """
 
-    X_WB: Array
-    half: Array
+    X_WB: Array = np.zeros((0, 4, 4))
+    half: Array = np.zeros((0, 3))
     solid: Mask = np.zeros(0, dtype=bool)
-
-    @classmethod
-    def none(cls) -> Self:
-        """No box."""
-        return cls(np.zeros((0, 4, 4)), np.zeros((0, 3)))
 
 
 def hand_boxes(gripper: Gripper, X_WG: Array, opening: float) -> Boxes:
@@ -115,7 +145,7 @@ class ModeledBodies:
 
     def __init__(self, gripper: Gripper, cell: Boxes | None = None, arm: Arm = IIWA_7) -> None:
         """An arm that carries ``gripper`` in a cell of boxes, by default an empty one."""
-        self.gripper, self.arm, self.cell = gripper, arm, cell or Boxes.none()
+        self.gripper, self.arm, self.cell = gripper, arm, cell or Boxes()
         self._capsules = capsule_model(arm=arm, with_hand=False)
 
     def hand(self, q: Array) -> Array:

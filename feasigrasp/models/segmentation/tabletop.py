@@ -58,7 +58,7 @@ def check_no_table(points: Array, viewpoint: Array | None) -> None:
     raise PointCloudError(
         f"{100.0 * share:.0f} % of the cloud is one plane, {across[1]:.2f} m wide, with something "
         "on it: a table. Segment the object first: cut it out with --on-table "
-        "(object_on_table(...)) or --crop (prepare_cloud(crop=...)) above the plane, or keep the "
+        "(tabletop(...)) or --crop (prepare_cloud(crop=...)) above the plane, or keep the "
         "points of its mask"
     )
 
@@ -106,11 +106,6 @@ def _width(points: Array, normal: Array) -> float:
 _THICKNESS, _STANDS = 0.005, 0.006
 #: Fewer points than this of the resolution are no object. Source: guessed.
 _LEAST = 20
-
-
-def object_on_table(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> Mask:
-    """Mask of the points of a cloud on the object above the table, as `tabletop` finds both."""
-    return tabletop(points, viewpoint)[0]
 
 
 def table_plane(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> Array:

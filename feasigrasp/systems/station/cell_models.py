@@ -198,5 +198,5 @@ def cell_boxes(config: StationConfig, models: Collection[str] | None = None) -> 
             poses.append(box.pose().GetAsMatrix4())
             halves.append(box.half_width())
     if not poses:
-        return Boxes.none()
+        return Boxes()
     return Boxes(np.array(poses), np.array(halves), np.array(solid))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from feasigrasp.models.segmentation.color_histogram import ColorHistogram
+from feasigrasp.models.segmentation.modeled_bodies import ColorHistogram
 
 
 def test_colors_of_the_object_are_probable_and_unknown_ones_say_nothing():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.segmentation.tabletop import object_on_table, support_plane, tabletop
+from feasigrasp.models.segmentation.tabletop import support_plane, tabletop
 
 
 def table(rng, n=8000):
@@ -25,7 +25,7 @@ def test_the_largest_body_above_the_table_is_kept():
     ball = ball + [0.0, 0.0, 0.6] + 0.042 * normal
     small = 0.2 * (ball[:300] - ball.mean(axis=0)) + [0.15, 0.0, 0.6] + 0.02 * normal
     below = points[:500] - 0.1 * normal  # a floor behind
-    found = object_on_table(np.concatenate([points, small, ball, below]))
+    found, _ = tabletop(np.concatenate([points, small, ball, below]))
     truth = np.zeros(len(found), dtype=bool)
     truth[8300:10300] = True
     assert not (found & ~truth).any()
@@ -36,7 +36,7 @@ def test_the_largest_body_above_the_table_is_kept():
 def test_an_empty_table_is_refused():
     points, _ = table(np.random.default_rng(0))
     with pytest.raises(PointCloudError, match="nothing of a graspable size stands"):
-        object_on_table(points)
+        tabletop(points)
 
 
 @pytest.mark.parametrize("name", ["blue_mug", "cheezit", "cylinder", "mustard", "white_bowl"])
@@ -46,7 +46,7 @@ def test_real_captures_are_segmented_without_their_masks(shared_data, name):
     truth = np.unpackbits(data["object_mask"])[: z.size].astype(bool)[np.flatnonzero(z)]
     v, u = np.nonzero(z)
     rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(len(u))], axis=1)
-    found = object_on_table(rays * z[v, u][:, None])
+    found, _ = tabletop(rays * z[v, u][:, None])
     assert np.count_nonzero(found & truth) / np.count_nonzero(found | truth) > 0.95
 
 
