@@ -39,11 +39,7 @@ class Keyframe(Frozen):
 
 
 def keyframe_of(
-    view: ObjectView,
-    X_WO: Array,
-    time: float,
-    deviation: float = 0.0,
-    begun_at: float = -np.inf,
+    view: ObjectView, X_WO: Array, time: float, deviation: float = 0.0, begun_at: float = -np.inf
 ) -> Keyframe:
     """A view of an object at X_WO (4, 4) as a `Keyframe`.
 
