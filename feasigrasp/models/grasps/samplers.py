@@ -11,7 +11,6 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.choices import parse_word
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
-from feasigrasp.models.grasps.network.network import load_grasp_network
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.grasps.non_maximum_suppression import (
     LEAST_SCORE,
@@ -115,7 +114,6 @@ def make_sampler(
     else:
         sampler = NetworkSampler(
             gripper,
-            load_grasp_network(),
             n_contacts=max(1, n_candidates // NetworkSampler.n_approaches),
             n_grasps=n_grasps,
             least_score=NetworkSampler.least_score if least_score is None else least_score,

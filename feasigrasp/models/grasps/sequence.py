@@ -7,6 +7,7 @@ nothing.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -253,11 +254,7 @@ class CommittedMotion(Frozen):
     state: GraspState
     time: float
     config: GraspSequenceConfig
-
-    @property
-    def known(self) -> bool:
-        """Always so."""
-        return True
+    known: ClassVar[bool] = True  # a prediction is always available
 
     def predict(self, ahead: ArrayLike, v_WO: ArrayLike | None = None) -> Array:
         """Poses (k, 4, 4) of the object at times (k,) [s] from now, independent of its velocity."""

@@ -27,6 +27,10 @@ class CarrierKind(StrEnum):
     BELT = "belt"
 
 
+#: Least and greatest x, y and z [m].
+_Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+
+
 def carrier_mesh(kind: CarrierKind, surface_C: trimesh.Trimesh) -> trimesh.Trimesh:
     """The surface of a carrier, which is not ``none``, in C; from that of the object in C."""
     # Points that stand for a surface.
@@ -34,13 +38,13 @@ def carrier_mesh(kind: CarrierKind, surface_C: trimesh.Trimesh) -> trimesh.Trime
     points = np.concatenate([surface_C.vertices, amid])  # vertices are its ends
     boxes = _hand(points) if kind is CarrierKind.HAND else _belt(points)
     mesh = trimesh.Trimesh()
-    for box in boxes:
-        mesh += trimesh.creation.box(bounds=np.array(box))
+    for sides in boxes:
+        mesh += trimesh.creation.box(bounds=np.array(sides).T)
     return mesh
 
 
-def _hand(points: Array) -> list[tuple[Array, Array]]:
-    """Thumb, two fingers, palm and forearm as lower and upper corners [m]."""
+def _hand(points: Array) -> list[_Box]:
+    """Thumb, two fingers, palm and forearm."""
     # Palm: thickness, least width, height. Forearm: length, width and height [m].
     palm, (length, across) = (0.03, 0.08, 0.09), (0.30, 0.06)
     # The distance between the middles of two fingers side by side [m].
@@ -59,27 +63,22 @@ def _hand(points: Array) -> list[tuple[Array, Array]]:
     palm_at, wrist = back + clear, back + clear + palm[0]
     finger, below = (tips, palm_at), (low - thick, low)
     return [
-        _between(finger, (high, high + thick), _about(height, wide)),
-        _between(finger, below, _about(height - beside / 2, wide)),
-        _between(finger, below, _about(height + beside / 2, wide)),
-        _between((palm_at, wrist), _about(middle, width), _about(height, palm[2])),
-        _between((wrist, wrist + length), _about(middle, across), _about(height, across)),
+        (finger, (high, high + thick), _about(height, wide)),
+        (finger, below, _about(height - beside / 2, wide)),
+        (finger, below, _about(height + beside / 2, wide)),
+        ((palm_at, wrist), _about(middle, width), _about(height, palm[2])),
+        ((wrist, wrist + length), _about(middle, across), _about(height, across)),
     ]
 
 
-def _belt(points: Array) -> list[tuple[Array, Array]]:
+def _belt(points: Array) -> list[_Box]:
     # A belt: its length and width, and how thick it is; it starts a little below the object [m].
     belt, top = (0.20, 0.26, 0.01), points[:, 2].min() - 0.001
-    return [_between(_about(0.0, belt[0]), _about(0.0, belt[1]), (top - belt[2], top))]
+    return [(_about(0.0, belt[0]), _about(0.0, belt[1]), (top - belt[2], top))]
 
 
 def _about(middle: float, size: float) -> tuple[float, float]:
     return middle - size / 2, middle + size / 2
-
-
-def _between(*sides: tuple[float, float]) -> tuple[Array, Array]:
-    low, high = np.array(sides).T
-    return low, high
 
 
 #: How fast a carrier draws back when it has let go [m/s], and how far [m]. Source: guessed.

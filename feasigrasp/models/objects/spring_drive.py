@@ -113,18 +113,11 @@ def carried_body(
     inertia, axes = np.linalg.eigh(I_BBcm)
     k = min(spring.stiffness, stiffest * mass)
     turning = np.minimum(spring.angular_stiffness, stiffest * inertia)
+    c = float(2.0 * DAMPING_RATIO * np.sqrt(k * mass))
     damping = 2.0 * DAMPING_RATIO * np.sqrt(turning * inertia)
-    return DrivenBody(
-        mass,
-        I_BBcm,
-        gravity,
-        k,
-        float(2.0 * DAMPING_RATIO * np.sqrt(k * mass)),
-        (axes * turning) @ axes.T,
-        (axes * damping) @ axes.T,
-        spring.max_force,
-        spring.max_torque,
-    )
+    K_B, D_B = ((axes * each) @ axes.T for each in (turning, damping))
+    limits = spring.max_force, spring.max_torque
+    return DrivenBody(mass, I_BBcm, gravity, k, c, K_B, D_B, *limits)
 
 
 @compiled

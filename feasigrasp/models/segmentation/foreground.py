@@ -58,36 +58,6 @@ def distance_to(field: Gpdf, points_O: Array, within: float = 0.0) -> Array:
     return distance
 
 
-def agreeing(
-    components: Components, points: Floats, field: Gpdf, X_WO: Array, slack: float
-) -> tuple[list[int], Indices]:
-    """The components that are of an object with that field at that pose, and single pixels.
-
-    A component is the object's if most of it is near the field's zero. What else is near it, amid a
-    larger body that the object touches, is found pixel by pixel. The field is in O, the points
-    (n, 3) are given by pixel in W [m], and the pose may be off by ``slack`` [m] beside what is
-    usual. Numbers of the components are returned, and those of the pixels of other components.
-    """
-    # A component of which this share agrees is of the object; of others only single pixels are,
-    # which are nearer to the surface than this [m].
-    agreeing_share, nearest = 0.5, 0.006
-    X_OW = inverse_kernel(np.ascontiguousarray(X_WO))
-    kept: list[int] = []
-    single = [np.zeros(0, dtype=np.int64)]
-    for k, sample in enumerate(components.samples):
-        # A point agrees with the field that is no farther from its zero [m]: the error of the
-        # predicted pose and of the side of the object that was not seen yet.
-        gate = 0.02 + slack
-        near = distance_to(field, _to(X_OW, sample[::3]), gate) < gate  # a third will do
-        if near.mean() >= agreeing_share:
-            kept.append(k)
-        else:
-            pixels = np.flatnonzero(components.number == k)
-            distance = distance_to(field, _to(X_OW, points[pixels].astype(float)))
-            single.append(pixels[distance < nearest + slack])
-    return kept, np.concatenate(single)
-
-
 def moved_share(points: Array, before: CameraView, camera: Camera) -> float:
     """The share of a body's points (m, 3) that lie where an earlier view has looked through.
 
@@ -203,13 +173,29 @@ def segment(
 
 
 def _followed(components: Components, view: CameraView, known: Known) -> Mask | None:
-    """The pixels that agree with the field at the predicted pose; None without field or pose."""
-    pose = known.X_WO
-    if known.field is None or known.lost or pose is None or not np.isfinite(pose).all():
+    """The pixels that agree with the field at the predicted pose; None without field or pose.
+
+    A component is the object's if most of it is near the field's zero. What else is near it, amid a
+    larger body that the object touches, is found pixel by pixel.
+    """
+    # A component of which this share agrees is of the object; of others only single pixels are,
+    # which are nearer to the surface than this [m].
+    agreeing_share, nearest = 0.5, 0.006
+    field, pose = known.field, known.X_WO
+    if field is None or known.lost or pose is None or not np.isfinite(pose).all():
         return None
-    kept, single = agreeing(components, view.points, known.field, pose, known.slack)
-    mask = components.mask(kept)
-    mask[single] = True
+    X_OW = inverse_kernel(np.ascontiguousarray(pose))
+    # A point agrees with the field that is no farther from its zero [m]: the error of the predicted
+    # pose and of the side of the object that was not seen yet.
+    gate = 0.02 + known.slack
+    mask = np.zeros(len(components.number), dtype=bool)
+    for k, sample in enumerate(components.samples):
+        near = distance_to(field, _to(X_OW, sample[::3]), gate) < gate  # a third will do
+        pixels = np.flatnonzero(components.number == k)
+        if near.mean() < agreeing_share:
+            distance = distance_to(field, _to(X_OW, view.points[pixels].astype(float)))
+            pixels = pixels[distance < nearest + known.slack]
+        mask[pixels] = True
     return mask
 
 

@@ -11,8 +11,7 @@ normal, ``y = exp(-+h / l)``, give the process the inside. Without them one thir
 inside has the wrong sign for a single view. ``surface_offset=None`` gives the paper's field.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar
 
@@ -48,12 +47,10 @@ class SurfacePoints(Frozen):
     Attributes:
         points: Positions, shape (m, 3) [m].
         normals: Outward unit normals, shape (m, 3).
-        variance_at: Predictive variance of the occupancy at points (k, 3), shape (k,).
     """
 
     points: Array
     normals: Array
-    variance_at: Callable[[Array], Array] = field(repr=False)
 
     def __post_init__(self) -> None:
         self._freeze(points=self.points, normals=self.normals)
@@ -61,16 +58,6 @@ class SurfacePoints(Frozen):
     def __len__(self) -> int:
         """Number of points."""
         return len(self.points)
-
-    @cached_property
-    def variance(self) -> Array:
-        """Predictive variance of the occupancy, shape (m,); small at observations.
-
-        Computed when it is asked for: it costs more than the points.
-        """
-        variance = self.variance_at(self.points)
-        variance.flags.writeable = False
-        return variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +173,7 @@ class Gpdf(Frozen):
         _, points, normals, residual = self._march(grid, 5)
         kept = np.abs(residual) < 1e-3
         kept[kept] = self.possible(points[kept])
-        return SurfacePoints(points[kept], normals[kept], self.variance)
+        return SurfacePoints(points[kept], normals[kept])
 
     @property
     def search_box(self) -> Array:
@@ -217,16 +204,10 @@ class Gpdf(Frozen):
         They start on the surface, with unit vectors into the object, (m, 3) each. They are looked
         at from ``start_length`` on, which must be inside the object, up to ``max_length`` [m].
         """
-        # Shortest step of a ray through the object [m].
-        return kernels.march_to_exit(
-            self.tiles,
-            self.length_scale,
-            np.asarray(starts) - self.center,
-            np.asarray(directions),
-            start_length,
-            max_length,
-            2e-3,
-        )
+        rays = np.asarray(starts) - self.center, np.asarray(directions)
+        # The last is the shortest step of a ray through the object [m].
+        lengths = start_length, max_length, 2e-3
+        return kernels.march_to_exit(self.tiles, self.length_scale, *rays, *lengths)
 
     @checked(PointCloudError)
     def clearance(
@@ -374,7 +355,15 @@ def fit_field(
     """
     surface = np.array(points, dtype=float)
     center = surface.mean(axis=0)
-    centred = _centred(nodes, center, length_scale)
+    centred = np.ascontiguousarray((np.asarray(nodes, dtype=float) - center).T)
+    radius = float(np.sqrt(np.einsum("ij,ij->j", centred, centred).max()))
+    most = node_sums.MAX_NODE_RADIUS / node_sums.LOG2_E
+    if not radius / length_scale <= most:
+        raise PointCloudError(
+            f"nodes reach {radius:.3g} m from the centre, {radius / length_scale:.0f} times "
+            f"length_scale ({length_scale:g} m), and at most {most:.0f} times can be computed; "
+            "raise length_scale, and look for NaN among the nodes"
+        )
     y = np.array(targets, dtype=float)
     noise = np.broadcast_to(np.asarray(noise_variance, dtype=float), len(y)).copy()
     gram = node_sums.gram_lower(centred, length_scale, noise).T
@@ -395,20 +384,6 @@ def fit_field(
         cholesky=np.asarray(factor),
         damped=damped,
     )
-
-
-def _centred(nodes: ArrayLike, center: Array, length_scale: float) -> Array:
-    """Nodes relative to the centre, shape (3, k)."""
-    centred = np.ascontiguousarray((np.asarray(nodes, dtype=float) - center).T)
-    radius = float(np.sqrt(np.einsum("ij,ij->j", centred, centred).max()))
-    most = node_sums.MAX_NODE_RADIUS / node_sums.LOG2_E
-    if not radius / length_scale <= most:
-        raise PointCloudError(
-            f"nodes reach {radius:.3g} m from the centre, {radius / length_scale:.0f} times "
-            f"length_scale ({length_scale:g} m), and at most {most:.0f} times can be computed; "
-            "raise length_scale, and look for NaN among the nodes"
-        )
-    return centred
 
 
 def _outward_normals(

@@ -370,7 +370,10 @@ class LearntShape(Frozen):
         if keyframe is None or keyframe.time <= self.looked:
             return self
         looked = replace(self, looked=keyframe.time)
-        before = self if self.is_of(keyframe) else self._forgotten()
+        before = self
+        if not self.is_of(keyframe):
+            nothing = FusedCloud.empty(self.cloud.voxel_size, smooth=self.cloud.smooth)
+            before = replace(self, cloud=nothing, gpdf=None, views=ViewRecord(), outliers=0)
         points, known = keyframe.points_O, before.cloud.points
         # Fewer points are no view to merge.
         kept, fault, _ = usable_points(points, keyframe.p_OC, 64, known)
@@ -399,10 +402,6 @@ class LearntShape(Frozen):
     def is_of(self, keyframe: Keyframe) -> bool:
         """Whether what has been merged is in the frame O of a keyframe."""
         return not len(self.views.times) or keyframe.begun_at <= self.views.times[0]
-
-    def _forgotten(self) -> "LearntShape":
-        nothing = FusedCloud.empty(self.cloud.voxel_size, smooth=self.cloud.smooth)
-        return replace(self, cloud=nothing, gpdf=None, views=ViewRecord(), outliers=0)
 
 
 @dataclass(frozen=True, eq=False)

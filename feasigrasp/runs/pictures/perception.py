@@ -40,7 +40,7 @@ from feasigrasp.systems.monitoring.meshcat_view import distance_from_seen, set_b
 
 @lru_cache(maxsize=1)
 def dense_surface(gpdf: Gpdf, across: int = 90) -> SurfacePoints:
-    """Points of the completed surface, evenly spread, with normals and variance.
+    """Points of the completed surface, evenly spread, with normals.
 
     `Gpdf.surface` projects a grid, which leaves holes where the field fans out. Here each of its
     points sends neighbours along its tangent plane, which are projected again, until the surface is
@@ -61,7 +61,7 @@ def dense_surface(gpdf: Gpdf, across: int = 90) -> SurfacePoints:
         added = first[first >= len(points)]
         points, normals = all_points[first], all_normals[first]
         new, new_normals = all_points[added], all_normals[added]
-    return SurfacePoints(points, normals, gpdf.variance)
+    return SurfacePoints(points, normals)
 
 
 def _one_per_voxel(points: Array, size: float) -> Indices:
@@ -144,7 +144,7 @@ def towards_viewer(perception: Perception) -> Array:
 
 def uncertainty_colors(gpdf: Gpdf, surface: SurfacePoints) -> Array:
     """Colors of completed points by uncertainty, shape (n, 3)."""
-    share = distance_from_seen(gpdf, surface.variance) / MOST_UNCERTAIN
+    share = distance_from_seen(gpdf, surface.points) / MOST_UNCERTAIN
     return np.asarray(UNCERTAINTY_COLORS(np.clip(share, 0.0, 1.0)))[:, :3]
 
 

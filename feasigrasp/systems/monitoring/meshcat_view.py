@@ -178,19 +178,19 @@ def reachable_mask(grasps: GraspSet, reachable: GraspSet) -> Mask:
     return found[: len(grasps)] | found[len(grasps) :]
 
 
-def distance_from_seen(gpdf: Gpdf, variance: Array) -> Array:
-    """Distance of a point from the observations, by its variance, shape (n,) [m].
+def distance_from_seen(gpdf: Gpdf, points: Array) -> Array:
+    """Distance of points (n, 3) from the observations, by their variance, shape (n,) [m].
 
     At a distance r from a single observation the variance is ``1 - exp(-2 r / l)``, solved for r.
     """
-    return -gpdf.length_scale / 2.0 * np.log1p(-np.clip(variance, 0.0, 0.999))
+    return -gpdf.length_scale / 2.0 * np.log1p(-np.clip(gpdf.variance(points), 0.0, 0.999))
 
 
 def surface_colors(gpdf: Gpdf) -> Array:
     """Colors of the completed points by their variance, shape (n, 3)."""
     # Distance to the observed surface [m] at which a point counts as observed, and as made up.
     seen_within, invented_beyond = 0.002, 0.010
-    distance = distance_from_seen(gpdf, gpdf.completion.variance)
+    distance = distance_from_seen(gpdf, gpdf.completion.points)
     share = (distance - seen_within) / (invented_beyond - seen_within)
     share = np.clip(share, 0.0, 1.0)[:, None]
     return (1.0 - share) * SEEN + share * INVENTED

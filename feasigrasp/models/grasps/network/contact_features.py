@@ -99,16 +99,8 @@ def contact_features(
     counts = kind.type(count / len(centred)), kind.type(count / len(chosen))
     _assemble(centred, normals, scalars, confidence, around, counts, vectors, numbers)
     # The contact opposite is looked for here where no chord is known [m].
-    room = hand_room(
-        centred,
-        axes,
-        across,
-        np.where(chord > 0.0, chord, kind.type(0.06)),
-        cloud[0],
-        cloud[2],
-        gripper or ParallelGripper(),
-        DIRECTIONS,
-    )
+    widths, hand = np.where(chord > 0.0, chord, kind.type(0.06)), gripper or ParallelGripper()
+    room = hand_room(centred, axes, across, widths, cloud[0], cloud[2], hand, DIRECTIONS)
     room *= kind.type(1.0 / ROOM_SCALE)
     return ContactFeatures(axes, across, chord, vectors, numbers, room)
 

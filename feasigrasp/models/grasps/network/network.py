@@ -21,21 +21,14 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from feasigrasp.models.arrays import Array, Floats, Frozen
+from feasigrasp.models.grasps.network import inference_kernels as kernels
 from feasigrasp.models.grasps.network.contact_features import (
     NUMBERS,
     VECTORS,
     ContactFeatures,
     contact_features,
 )
-from feasigrasp.models.grasps.network.inference_kernels import (
-    WIDTHS,
-    ContactOutputs,
-    EncodedCloud,
-    FusedWeights,
-    cloud_kernel,
-    contacts_kernel,
-    grasps_kernel,
-)
+from feasigrasp.models.grasps.network.inference_kernels import WIDTHS, FusedWeights
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.grasps.network.surroundings import ROOM
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -151,13 +144,8 @@ class GraspNetwork(Frozen):
     def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> Self:
         if header["preset"] != cls.preset:
             raise ValueError(f"it holds preset {header['preset']}, not {cls.preset}")
-        network = cls(header["sizes"], dict(arrays))
-        network.check()
-        return network
-
-    def check(self) -> None:
-        """Raises ValueError where arrays are missing, or not of the architecture."""
-        check_arrays(self.weights, array_shapes(**self.sizes))
+        check_arrays(arrays, array_shapes(**header["sizes"]))
+        return cls(header["sizes"], dict(arrays))
 
     def save(self, path: str | Path) -> None:
         """Writes sizes and weights into one ``.npz`` file, whole or not at all."""
@@ -183,17 +171,17 @@ class GraspNetwork(Frozen):
         angle = 2.0 * np.pi * np.arange(directions) / directions
         turns = np.stack([np.cos(angle), np.sin(angle)]).astype(kind)
         shapes = (1 + 3 * WIDTHS, n), (3, n), (directions, n)
-        outputs = ContactOutputs(*(np.empty(shape, dtype=kind) for shape in shapes))
+        outputs = kernels.ContactOutputs(*(np.empty(shape, dtype=kind) for shape in shapes))
         with _threads().limit(limits=1, user_api="blas"):
-            encoded, mean, pooled = cloud_kernel(x.vectors, x.numbers, w)
+            encoded, mean, pooled = kernels.cloud_kernel(x.vectors, x.numbers, w)
             context = w.context @ pooled + w.context_bias + w.second_bias
             shift = mean @ of_mean.T
-            cloud = EncodedCloud(encoded, shift, x.numbers, x.room, frames, turns, context)
-            contacts_kernel(cloud, w, TILTS, outputs)
+            seen = encoded, shift, x.numbers, x.room, frames, turns, context
+            kernels.contacts_kernel(kernels.EncodedCloud(*seen), w, TILTS, outputs)
         closing, width, spread = np.empty((n, 3)), np.empty(n), np.empty(n)
         approach, score = np.empty((n, MODES, 3)), np.empty((n, MODES))
         grasps = (closing, width, spread, approach, score)
-        grasps_kernel(x.chords, frames, turns, outputs, grasps)
+        kernels.grasps_kernel(x.chords, frames, turns, outputs, grasps)
         contact, score = (
             1.0 / (1.0 + np.exp(-logit)) for logit in (outputs.head[0].astype(float), score)
         )
