@@ -219,7 +219,14 @@ def prepare_cloud(
         raise PointCloudError(f"{len(cloud)} points{inside}; an object needs at least {MIN_POINTS}")
     _check_extent(cloud, _MILLIMETRES if scene else MAX_EXTENT)
     if viewpoint is not None:
-        _check_viewpoint(cloud, np.asarray(viewpoint, dtype=float))
+        camera = np.asarray(viewpoint, dtype=float)
+        if camera.shape != (3,) or not np.isfinite(camera).all():
+            raise PointCloudError(f"--viewpoint {camera.tolist()}: give x y z in metres")
+        if ((camera > cloud.min(axis=0)) & (camera < cloud.max(axis=0))).all():
+            raise PointCloudError(
+                f"the camera at {camera.tolist()} stands amid the points: this cloud is not in the "
+                "camera's frame. Pass --viewpoint X Y Z, or --merged if it shows several sides"
+            )
     return cloud
 
 
@@ -239,16 +246,6 @@ def _check_extent(cloud: Array, most: float) -> None:
         raise PointCloudError(
             f"the cloud is {1e3 * extent:.2g} mm wide, too small to grasp; is its unit right? Pass "
             "--scale"
-        )
-
-
-def _check_viewpoint(cloud: Array, viewpoint: Array) -> None:
-    if viewpoint.shape != (3,) or not np.isfinite(viewpoint).all():
-        raise PointCloudError(f"--viewpoint {viewpoint.tolist()}: give x y z in metres")
-    if ((viewpoint > cloud.min(axis=0)) & (viewpoint < cloud.max(axis=0))).all():
-        raise PointCloudError(
-            f"the camera at {viewpoint.tolist()} stands amid the points: this cloud is not in the "
-            "camera's frame. Pass --viewpoint X Y Z, or --merged if it shows several sides"
         )
 
 

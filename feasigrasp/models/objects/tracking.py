@@ -119,14 +119,11 @@ class Tracking(Frozen):
     def of_age(cls, age: float, silence: float, jumping: bool = False) -> Self:
         """The state of a tracker at an age, see `Tracking`; lost from ``silence`` [s] on."""
         if age == float("inf"):
-            state = TrackingState.SEARCHING
-        elif age >= silence:
-            state = TrackingState.LOST
-        elif age > COASTING_AFTER:
-            state = TrackingState.COASTING
-        else:
-            state = TrackingState.TRACKING
-        return cls(state, age, jumping)
+            return cls(TrackingState.SEARCHING, age, jumping)
+        if age >= silence:
+            return cls(TrackingState.LOST, age, jumping)
+        late = age > COASTING_AFTER
+        return cls(TrackingState.COASTING if late else TrackingState.TRACKING, age, jumping)
 
     @property
     def lost(self) -> bool:

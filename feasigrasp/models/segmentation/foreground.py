@@ -86,19 +86,6 @@ def moved_share(points: Array, before: CameraView, camera: Camera) -> float:
     return float(came) / max(int(np.count_nonzero(shown)), 1)
 
 
-def in_box(mask_of: list[Mask], camera: Camera, box: Array) -> int | None:
-    """The mask (n,) with the most pixels in a box; None if all have none.
-
-    The box (4,) is first column and row, and last ones, as for a click twice the same [px].
-    """
-    left, top, right, bottom = np.maximum(np.rint(box).astype(int), [0, 0, -1, -1])
-    shape = camera.height, camera.width
-    inside = [
-        np.count_nonzero(m.reshape(shape)[top : bottom + 1, left : right + 1]) for m in mask_of
-    ]
-    return int(np.argmax(inside)) if any(inside) else None
-
-
 def _to(X: Array, points: Array) -> Array:
     return np.asarray(points @ X[:3, :3].T + X[:3, 3])
 
@@ -125,7 +112,8 @@ class Known(NamedTuple):
         lost: Whether that pose is good for nothing but to say where it was.
         before: An earlier view, for the detection of motion.
         waited: How long has been waited for something to move [s].
-        box: What somebody drew about the object: first column and row, last ones, shape (4,) [px].
+        box: What somebody drew about the object: first column and row, last ones, as for a click
+            twice the same, shape (4,) [px]; the body with the most pixels in it is the object.
         slack: How far off ``X_WO`` may be, beside what is usual [m].
     """
 
@@ -209,8 +197,10 @@ def _chosen(components: Components, known: Known, p_WH: Array, camera: Camera) -
     if not groups:
         return np.zeros(0, dtype=np.int64)
     if known.box is not None:
-        at = in_box([components.mask(group) for group in groups], camera, known.box)
-        return groups[at] if at is not None else np.zeros(0, dtype=np.int64)
+        left, top, right, bottom = np.maximum(np.rint(known.box).astype(int), [0, 0, -1, -1])
+        images = [components.mask(g).reshape(camera.height, camera.width) for g in groups]
+        inside = [np.count_nonzero(m[top : bottom + 1, left : right + 1]) for m in images]
+        return groups[int(np.argmax(inside))] if any(inside) else np.zeros(0, dtype=np.int64)
     pose = known.X_WO
     was_seen = pose is not None and bool(np.isfinite(pose).all())
     if len(groups) > 1:
