@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 
 from feasigrasp import __version__
 from feasigrasp.errors import FeasigraspError, needed_by
-from feasigrasp.outputs import check_folder
+from feasigrasp.outputs import check_folder, only_one_in
 from feasigrasp.plugins import load_plugin, plugins
-from feasigrasp.runs.results.folder_lock import only_one_in
 from feasigrasp.runs.results.interrupts import STATUS, Unfinished
 
 #: Options that Drake's own simulations spell with ``_``.

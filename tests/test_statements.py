@@ -4,6 +4,7 @@ import ast
 import importlib
 import inspect
 import re
+from typing import get_args
 
 import numpy as np
 import pytest

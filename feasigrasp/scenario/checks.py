@@ -15,8 +15,8 @@ from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.sensors.camera_errors import HandEyeError
 from feasigrasp.models.sensors.depth_noise import DepthNoise
-from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.plugins import plugins
 from feasigrasp.scenario.cameras import check_cameras
 from feasigrasp.scenario.faults import check_faults
