@@ -24,7 +24,6 @@ class Frozen:
     """
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """The value itself."""
         return self
 
     def _freeze(self, **arrays: NDArray[Any]) -> None:

@@ -75,7 +75,6 @@ class Result:
     samples: Annotated[Array, ArrayOf(("s", "m"), finite=False)]
 
     def __post_init__(self) -> None:
-        """Checks what it is made of."""
         check_fields(self)
 
     @property
@@ -314,8 +313,9 @@ def measured(
     motion = make_motion(scenario)
     contact = diagram.GetSubsystemByName("contact")
     period, step = scenario.control.period, station.plant.time_step()
-    velocity = log("velocity")[1].T
-    limits = limit_metrics(sent, velocity, period, step, station.arm) if len(sent) else None
+    limits = None
+    if len(sent) and len(times):
+        limits = limit_metrics(sent, log("velocity")[1].T, period, step, station.arm)
     metrics = summarize(
         samples,
         closes=scenario.grasp.close,
