@@ -22,7 +22,7 @@ from feasigrasp.errors import FeasigraspError, ReachabilityError
 from feasigrasp.inputs import read_arrays
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
-from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.choices import parse_word
 from feasigrasp.models.quantities import UNKNOWN_POSES
 from feasigrasp.outputs import replacing
 from feasigrasp_lab import WEIGHTS
@@ -120,5 +120,5 @@ class ReachableSpace(Frozen):
         Raises:
             ReachabilityError: There is no such space, or its file is missing or malformed.
         """
-        name = parse_choice(SpaceName, name, "reachable space", ReachabilityError)
-        return cls.load(PAPER_FILE if name is SpaceName.PAPER else DEFAULT_FILE)
+        name = parse_word(SpaceName, name, "reachable space", ReachabilityError)
+        return cls.load(PAPER_FILE if name == SpaceName.PAPER else DEFAULT_FILE)

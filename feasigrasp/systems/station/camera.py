@@ -22,9 +22,8 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import tool_pose
-from feasigrasp.models.sensors.camera_errors import MATERIALS, CameraErrors
+from feasigrasp.models.sensors.camera_errors import MATERIALS, CameraErrors, HandEyeError
 from feasigrasp.models.sensors.depth_noise import DepthNoise
-from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.systems.ports import add_connected, declare_input, declare_output, scalar
 from feasigrasp.systems.station.exposures import CameraPose, FirstImage
 
