@@ -1,7 +1,7 @@
-from .controller_inputs import ControllerInputs as ControllerInputs
 from .dynamic_grasp import DynamicGrasp as DynamicGrasp
 from .dynamic_grasp import Subsystems as Subsystems
 from .dynamic_grasp import make_dynamic_grasp as make_dynamic_grasp
+from .grasp_controller import ControllerInputs as ControllerInputs
 from .grasp_controller import GraspController as GraspController
 from .grasp_sampler import GraspSampler as GraspSampler
 from .gripper_sequencer import GripperSequencer as GripperSequencer

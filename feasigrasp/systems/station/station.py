@@ -22,8 +22,7 @@ from feasigrasp.models.objects.spring_drive import body_pose_kernel
 from feasigrasp.models.robot.gripper import Gripper
 from feasigrasp.models.robot.suction_cup import SuctionCup
 from feasigrasp.models.sensors.joint_errors import DrawnJointErrors
-from feasigrasp.systems.ports import add_connected, declare_output
-from feasigrasp.systems.station.arm_ports import ArmPorts
+from feasigrasp.systems.ports import ArmPorts, add_connected, declare_output
 from feasigrasp.systems.station.camera import MeasuredArm, Scene, SeenObject, export_camera
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
 from feasigrasp.systems.station.exposures import Timing, add_exposures
