@@ -8,7 +8,7 @@ from .gripper_sequencer import GripperSequencer as GripperSequencer
 from .horizon_controller import GPJointController as GPJointController
 from .horizon_controller import RMMTaskController as RMMTaskController
 from .metrics import Metrics as Metrics
-from .motion_predictor import MotionPredictor as MotionPredictor
+from .object_tracker import MotionPredictor as MotionPredictor
 from .object_tracker import ObjectTracker as ObjectTracker
 from .point_cloud_to_gpdf import PointCloudToGPDF as PointCloudToGPDF
 from .reachability_filter import ReachabilityFilter as ReachabilityFilter

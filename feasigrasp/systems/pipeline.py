@@ -40,7 +40,7 @@ from feasigrasp.systems.monitoring.camera_pictures import CameraPictures
 from feasigrasp.systems.monitoring.contact_sense import ContactSense
 from feasigrasp.systems.monitoring.meshcat_view import GraspVisualizer, add_scene
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
-from feasigrasp.systems.motion_predictor import MotionPredictor
+from feasigrasp.systems.object_tracker import MotionPredictor
 from feasigrasp.systems.reachability_filter import PayloadFilter, SceneFilter
 from feasigrasp.systems.segmentation.foreground_segmentation import MaskFn
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud

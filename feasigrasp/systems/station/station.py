@@ -19,8 +19,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.objects.spring_drive import body_pose_kernel
-from feasigrasp.models.robot.gripper import Gripper
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import Gripper, SuctionCup
 from feasigrasp.models.sensors.joint_errors import DrawnJointErrors
 from feasigrasp.systems.ports import ArmPorts, add_connected, declare_pose_and_velocity
 from feasigrasp.systems.station.camera import Scene, export_camera
@@ -33,8 +32,7 @@ from feasigrasp.systems.station.object_model import (
     contact_friction,
     set_friction,
 )
-from feasigrasp.systems.station.object_servo import ObjectServo
-from feasigrasp.systems.station.suction_seal import SuctionSeal
+from feasigrasp.systems.station.object_servo import ObjectServo, SuctionSeal
 
 
 class _BodyState(LeafSystem):
