@@ -7,7 +7,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.arguments import checked
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.scenario.checks import check_segmentation, check_types_too
@@ -62,6 +62,10 @@ class Subsystems:
     controller: LeafSystem
     drive: LeafSystem
     status: LeafSystem
+
+    def __post_init__(self) -> None:
+        """Checks that they are systems."""
+        check_fields(self, ScenarioError)
 
 
 class DynamicGrasp(Diagram):
