@@ -46,7 +46,7 @@ from feasigrasp.systems import (
     StationConfig,
     Subsystems,
 )
-from feasigrasp.systems.controller_inputs import ControllerInputs
+from feasigrasp.systems.grasp_controller import ControllerInputs
 from tools.make_docs import faces
 
 #: Public, but not called with arguments of a user's.

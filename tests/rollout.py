@@ -38,15 +38,15 @@ from feasigrasp.runs.metrics.reference_robot import reference_robot, self_collis
 from feasigrasp.runs.metrics.run_metrics import summarize
 from feasigrasp.scenario.sampling import lap, make_motion
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
-from feasigrasp.systems.object_tracker import ObjectTracker
-from feasigrasp.systems.ports import weakly
-from feasigrasp.systems.stages.controllers import (
+from feasigrasp.systems.from_scenario import (
     make_controller,
     make_drive,
     make_reachability,
     make_reachability_filter,
 )
+from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
+from feasigrasp.systems.object_tracker import ObjectTracker
+from feasigrasp.systems.ports import weakly
 from feasigrasp.systems.station.directives import cell_directives
 
 #: Makes the controller of a scenario; its ports are those of `GraspController`.

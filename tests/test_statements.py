@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 import feasigrasp as fg
-from feasigrasp.models.control.horizon.distance_field import (
+from feasigrasp.models.control.horizon.distance import (
     MAX_LENGTH_SCALE,
     MIN_LENGTH_SCALE,
     SPACING_RATIO,

@@ -47,10 +47,10 @@ from feasigrasp.scenario.files import dump_scenario
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp.systems.from_scenario import make_reachability
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
 from feasigrasp.systems.monitoring.run_log import add_run_log, read_run_log
 from feasigrasp.systems.remote.remote_stage import end_processes
-from feasigrasp.systems.stages.controllers import make_reachability
 from feasigrasp.systems.station.directives import cell_directives
 
 #: The ``error`` of a run that Ctrl-C ended.

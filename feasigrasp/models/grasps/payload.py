@@ -9,8 +9,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.pad_load import PadLoad, estimate_mass
 from feasigrasp.models.grasps.seal import CupLoad
-from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper, SuctionCup
 from feasigrasp.models.shape.gpdf import Gpdf
 
 # What two soft pads can hold: pressure on the patches they touch, and the moment of its friction.

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.grasps.pad_load import GRAVITY, HAND_ACCELERATION, Load, unit_gravity
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import SuctionCup
 
 #: Points on the lip. Source: numerical.
 LIP = 16

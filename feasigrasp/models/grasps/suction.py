@@ -17,7 +17,7 @@ from feasigrasp.models.grasps.non_maximum_suppression import LEAST_SCORE, suppre
 from feasigrasp.models.grasps.seal import LIP, cup_points, strain
 from feasigrasp.models.grasps.success_probability import CLEARANCE, clearance_evidence, probability
 from feasigrasp.models.quantities import Count, Share
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import SuctionCup
 from feasigrasp.models.shape.gpdf import MARGIN_GROWTH, Gpdf, surface_deviation
 
 

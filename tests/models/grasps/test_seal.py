@@ -19,7 +19,7 @@ from feasigrasp.models.grasps.seal import (
 )
 from feasigrasp.models.grasps.suction import SuctionSampler, filter_suction, recheck_suction
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import SuctionCup
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 CUP = SuctionCup()
