@@ -20,8 +20,8 @@ from .runs.run import Result as Result
 from .runs.run import run as run
 from .scenario.files import load_scenario as load_scenario
 from .scenario.schema import Scenario as Scenario
-from .systems.controller_inputs import ControllerInputs as ControllerInputs
 from .systems.dynamic_grasp import make_dynamic_grasp as make_dynamic_grasp
+from .systems.grasp_controller import ControllerInputs as ControllerInputs
 from .systems.grasp_controller import GraspController as GraspController
 from .systems.reachability_filter import FeasiblePoses as FeasiblePoses
 

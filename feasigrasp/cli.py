@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 
 from feasigrasp import __version__
 from feasigrasp.errors import FeasigraspError, needed_by
-from feasigrasp.outputs import check_folder
+from feasigrasp.outputs import check_folder, only_one_in
 from feasigrasp.plugins import load_plugin, plugins
-from feasigrasp.runs.results.folder_lock import only_one_in
 from feasigrasp.runs.results.interrupts import STATUS, Unfinished
 
 #: Options that Drake's own simulations spell with ``_``.
@@ -135,18 +134,13 @@ class _Help(argparse.HelpFormatter):
         none = default is None or default is False or default is argparse.SUPPRESS
         if none or "Default:" in text or not action.option_strings:
             return text
-        return f"{text} Default: {_shown(default)}."
+        given = ",".join(map(str, default)) if isinstance(default, list) else str(default)
+        return f"{text} Default: {given.replace('%', '%%')}."
 
 
 def sentence(purpose: str) -> str:
     """The purpose of a command as a sentence."""
     return f"{purpose[:1].upper()}{purpose[1:]}."
-
-
-def _shown(default: object) -> str:
-    """A default as it would be given."""
-    text = ",".join(map(str, default)) if isinstance(default, list) else str(default)
-    return text.replace("%", "%%")
 
 
 def exit_status(work: Callable[[], int]) -> int:

@@ -46,7 +46,7 @@ from feasigrasp.systems import (
     StationConfig,
     Subsystems,
 )
-from feasigrasp.systems.controller_inputs import ControllerInputs
+from feasigrasp.systems.grasp_controller import ControllerInputs
 from tools.make_docs import faces
 
 #: Public, but not called with arguments of a user's.
@@ -206,7 +206,7 @@ class Examples:
             "dropped": {"colour": 1}, "other": grasps, "grasps": grasps, "gpdf": self.gpdf,
             "payload_score": np.ones(3), "on_object": np.arange(4), 
             "prior": np.full((3, 2), 0.5), "table": np.array([0.0, 0.0, 1.0, 0.1]),
-            "least_score": 0.5, "mass": 0.3, "down": np.array([0.0, 0.0, -1.0]),
+            "least_score": 0.5, "mass": 0.3, "near": 0.0, "down": np.array([0.0, 0.0, -1.0]),
             "rows": np.s_[2:], "columns": np.s_[:9], "Camera.decimated.factor": 2,
             "DepthFolder.label": 1, "read_mask.label": 1, "read_depth_folder.label": 1,
             "captured_points.label": 1,

@@ -33,20 +33,20 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.one_thread import one_thread
-from feasigrasp.runs.metrics.motion_limits import JointTicks
+from feasigrasp.runs.metrics.motion_limits import limit_metrics
 from feasigrasp.runs.metrics.reference_robot import reference_robot, self_collision_metrics
 from feasigrasp.runs.metrics.run_metrics import summarize
 from feasigrasp.scenario.sampling import lap, make_motion
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
-from feasigrasp.systems.object_tracker import ObjectTracker
-from feasigrasp.systems.ports import weakly
-from feasigrasp.systems.stages.controllers import (
+from feasigrasp.systems.from_scenario import (
     make_controller,
     make_drive,
     make_reachability,
     make_reachability_filter,
 )
+from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
+from feasigrasp.systems.object_tracker import ObjectTracker
+from feasigrasp.systems.ports import weakly
 from feasigrasp.systems.station.directives import cell_directives
 
 #: Makes the controller of a scenario; its ports are those of `GraspController`.
@@ -205,9 +205,8 @@ def roll_out(
     period = scenario.control.period
     q, qd = np.split(states.T, 2, axis=1)
     every = max(1, round(SAMPLE_PERIOD / period))
-    ticks = JointTicks(sent=q, velocity=qd, period=period, step=period)
     return Rollout(
-        summarize(samples, closes=False, ticks=ticks)
+        summarize(samples, closes=False, limits=limit_metrics(q, qd, period, period))
         | self_collision_metrics(reference_robot(cell_directives(scenario)), q[::every]),
         times,
         samples,

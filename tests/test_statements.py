@@ -4,13 +4,14 @@ import ast
 import importlib
 import inspect
 import re
+from typing import get_args
 
 import numpy as np
 import pytest
 import yaml
 
 import feasigrasp as fg
-from feasigrasp.models.control.horizon.distance_field import (
+from feasigrasp.models.control.horizon.distance import (
     MAX_LENGTH_SCALE,
     MIN_LENGTH_SCALE,
     SPACING_RATIO,
@@ -29,7 +30,7 @@ from feasigrasp.models.robot import IIWA_7, ParallelGripper
 from feasigrasp.models.shape.gpdf_kernels import newton_step
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.metrics.reference_robot import SLICES
-from feasigrasp.scenario import faults
+from feasigrasp.scenario.faults import AnyFault
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
@@ -476,9 +477,9 @@ def test_values_of_injected_faults_are_their_defaults():
     """The rows ``| `!Tag` | fault | `key: value` [unit] |`` of the page on faults."""
     text = (REPOSITORY / "docs" / "safety.md").read_text()
     rows = re.findall(r"^\| (`!\w+`.*?) \|.*\| (.*?) \|$", text, flags=re.MULTILINE)
-    checked = 0
+    checked, kinds = 0, {kind.__name__: kind for kind in get_args(AnyFault)}
     for names, values in rows:
-        made = [getattr(faults, tag)() for tag in re.findall(r"`!(\w+)`", names)]
+        made = [kinds[tag]() for tag in re.findall(r"`!(\w+)`", names)]
         for each in re.findall(r"`(\w+: [^`]+)`", values):
             ((key, default),) = yaml.safe_load(each).items()
             expected = float(default) if isinstance(default, str) else default  # 1e6

@@ -29,8 +29,9 @@ from typing import Any
 
 import yaml
 
-from feasigrasp.runs.metrics.table import FIGURES, UNITLESS
+from feasigrasp.runs.metrics.table import UNITLESS
 from feasigrasp_lab.report.tables import draw_curves
+from feasigrasp_lab.runs.summary import FIGURES
 from tools.runtime import changed_since
 from tools.same_runs import stands_for
 from tools.stored import ROOT, STORE, FigureError, Stored, commit_of, read, store

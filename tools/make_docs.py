@@ -18,8 +18,8 @@ from types import ModuleType
 
 from feasigrasp import cli
 from feasigrasp.models.choices import Span
+from feasigrasp.models.sensors.camera_errors import HandEyeError
 from feasigrasp.models.sensors.depth_noise import DepthNoise
-from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.runs.metrics.table import METRICS, UNITLESS
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.parts import PartConfig

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from feasigrasp.cli import exit_status
 from feasigrasp.errors import InputError
-from feasigrasp.runs.replay import screenshot
+from feasigrasp_lab.report.screenshot import screenshot
 
 #: Moves the animation to a time as soon as it is there, and hides the controls.
 _SEEK = """

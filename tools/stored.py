@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from feasigrasp.runs.metrics.table import FIGURES, METRICS
+from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp_lab.protocols.tuned import TUNED
 from feasigrasp_lab.report.paper_tables import (
     TABLE_1,
@@ -19,6 +19,7 @@ from feasigrasp_lab.report.paper_tables import (
     TABLE_3_TASK,
 )
 from feasigrasp_lab.results.rows import Row
+from feasigrasp_lab.runs.summary import FIGURES
 
 ROOT = Path(__file__).resolve().parents[1]
 STORE = ROOT / "feasigrasp_lab" / "results"

@@ -14,9 +14,8 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.arm import Arm
-from feasigrasp.models.robot.arm_choices import camera_above, chosen_home, close_pairs
 from feasigrasp.models.robot.arm_file import arm_from
-from feasigrasp.models.robot.urdf_arm import describe_urdf
+from feasigrasp.models.robot.urdf_arm import camera_above, chosen_home, close_pairs, describe_urdf
 from feasigrasp.outputs import write_text
 from feasigrasp.resources import model_path
 from feasigrasp.systems.station.directives import loading, packaged_cell

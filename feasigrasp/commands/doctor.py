@@ -12,7 +12,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from enum import StrEnum
 from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
@@ -62,22 +61,14 @@ raise SystemExit(main(["run", "ReachLinear", "--duration", "0.2"]))
 """
 
 
-class Health(StrEnum):
-    """Label at the beginning of a line."""
-
-    OK = "ok"
-    PROBLEM = "problem"
-    WITHOUT = "without"
-
-
 class Finding(NamedTuple):
     """Result of one check: what was found, with the mend if it is not as it should be."""
 
-    health: Health
+    health: str
     text: str
 
 
-_ok, _problem, _without = (partial(Finding, health) for health in Health)
+_ok, _problem, _without = (partial(Finding, health) for health in ("ok", "problem", "without"))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -89,7 +80,7 @@ def main(args: argparse.Namespace) -> int:
     problems = 0
     for look in LOOKS:
         for finding in _carefully(look):
-            problems += finding.health is Health.PROBLEM
+            problems += finding.health == "problem"
             print(f"{finding.health:8s} {finding.text}", flush=True)
     print("all is well" if problems == 0 else f"problems: {problems}")
     return min(problems, 1)

@@ -9,7 +9,7 @@ import argparse
 
 from feasigrasp.commands.run import add_scenario_name, add_scenario_options, load
 from feasigrasp.systems.hardware import guard
-from feasigrasp.systems.hardware.guarded_cell import make_guarded_cell
+from feasigrasp.systems.hardware.guard import make_guarded_cell
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -23,7 +23,7 @@ from feasigrasp.errors import FeasigraspError, PointCloudError
 from feasigrasp.models.clouds.files import prepare_cloud, read_cloud, viewpoint_of
 from feasigrasp.models.grasps.grasp_set import Rejection
 from feasigrasp.models.grasps.perceive import Perception, perceive
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import SuctionCup
 from feasigrasp.models.segmentation.tabletop import tabletop
 from feasigrasp.one_thread import one_thread
 from feasigrasp.outputs import check_outputs

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import fields
 from functools import wraps
-from typing import Any, Concatenate, ParamSpec, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ class Frozen:
     """
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """The value itself."""
         return self
 
     def _freeze(self, **arrays: NDArray[Any]) -> None:
@@ -35,25 +34,21 @@ class Frozen:
 
 
 _Value = TypeVar("_Value", bound=Frozen)
-_Options = ParamSpec("_Options")
 _Made = TypeVar("_Made")
 
 
-def cached_on_value(
-    make: Callable[Concatenate[_Value, _Options], _Made],
-) -> Callable[Concatenate[_Value, _Options], _Made]:
+def cached_on_value(make: Callable[[_Value], _Made]) -> Callable[[_Value], _Made]:
     """Keeps what is made of a frozen value with that value, to be made once.
 
-    It goes where the value goes, into another process too. Options are given by name.
+    It goes where the value goes, into another process too.
     """
 
     @wraps(make)
-    def kept(value: _Value, /, *args: _Options.args, **options: _Options.kwargs) -> _Made:
-        made: dict[Any, _Made] = value.__dict__.setdefault("_made", {})
-        key = (make.__name__, *sorted(options.items()))
-        if key not in made:
-            made[key] = make(value, *args, **options)
-        return made[key]
+    def kept(value: _Value) -> _Made:
+        made: dict[str, _Made] = value.__dict__.setdefault("_made", {})
+        if make.__name__ not in made:
+            made[make.__name__] = make(value)
+        return made[make.__name__]
 
     return kept
 

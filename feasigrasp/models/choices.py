@@ -5,12 +5,10 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.plugins import plugins
-
-_Choice = TypeVar("_Choice", bound=StrEnum)
 
 
 def nearest(word: object, known: Iterable[str]) -> str:
@@ -19,18 +17,11 @@ def nearest(word: object, known: Iterable[str]) -> str:
     return f"; do you mean {like[0]}?" if like else ""
 
 
-def parse_choice(
-    choices: type[_Choice], value: str, name: str, error: type[FeasigraspError]
-) -> _Choice:
-    """The member of an enumeration that a word, or the member itself, stands for.
-
-    Raises an ``error`` where there is no such word; its message says what ``name`` may be.
-    """
-    return choices(parse_word(choices, value, name, error))
-
-
 def parse_word(words: Iterable[str], value: str, name: str, error: type[FeasigraspError]) -> str:
-    """As `parse_choice`, for words that are no enumeration, such as names of plugins."""
+    """One of some words, such as the members of a `StrEnum` or the names of plugins.
+
+    Raises an ``error`` where it is none; the message says what ``name`` may be.
+    """
     known = [str(word) for word in words]
     if value in known:
         return str(value)

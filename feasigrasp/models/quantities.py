@@ -158,7 +158,6 @@ class ArrayOf:
         return poses.reshape(array.shape)
 
     def __str__(self) -> str:
-        """Shape and unit."""
         shape = ", ".join(map(str, self.shape)) + ("," if len(self.shape) == 1 else "")
         unit = f" [{self.unit}]" if self.unit else ""
         return f"{_WORDS.get(self.dtype, 'numbers')} of shape ({shape}){unit}"
@@ -221,7 +220,6 @@ class Number:
         return value
 
     def __str__(self) -> str:
-        """The range."""
         low = f" above {self.above:g}" if self.above > -inf else ""
         low += f" of at least {self.least:g}" if self.least > -inf else ""
         high = f" of at most {self.most:g}" if self.most < inf else ""

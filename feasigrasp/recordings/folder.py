@@ -74,7 +74,6 @@ class DepthFolder(Frozen):
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Checks what it is made of."""
         check_fields(self, InputError)
 
     @checked(InputError)

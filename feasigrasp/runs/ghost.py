@@ -1,7 +1,6 @@
 """A translucent second arm in a replay, for the comparison of modes."""
 
 from contextlib import suppress
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, Rgba, Role
@@ -20,15 +19,11 @@ from feasigrasp.systems.station.cell_models import add_cell, robot_instances
 PREFIX = "/drake/ghost"
 
 
-class Ghost(NamedTuple):
-    """Trajectory of the arm: times (n,) [s], and joint positions (n, 7) [rad] at them."""
+def ghost_of(scenario: Scenario, until: float) -> tuple[Array, Array]:
+    """The true trajectory of the arm in a scenario until a time [s], or a failed simulation.
 
-    times: Array
-    q: Array
-
-
-def ghost_of(scenario: Scenario, until: float) -> Ghost:
-    """The true trajectory of the arm in a scenario until a time [s], or a failed simulation."""
+    It is times (n,) [s], and joint positions (n, 7) [rad] at them.
+    """
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
@@ -36,11 +31,11 @@ def ghost_of(scenario: Scenario, until: float) -> Ghost:
     with suppress(RuntimeError):  # the solver failed
         simulator.AdvanceTo(until)
     log = diagram.GetSubsystemByName("log(arm)").FindLog(simulator.get_context())
-    return Ghost(log.sample_times().copy(), np.split(log.data(), 2)[0].T.copy())
+    return log.sample_times().copy(), np.split(log.data(), 2)[0].T.copy()
 
 
-def show_ghost(meshcat: Meshcat, scenario: Scenario, ghost: Ghost, rate: float) -> None:
-    """Draws it into the recording of a Meshcat, translucent, with an open hand.
+def show_ghost(meshcat: Meshcat, scenario: Scenario, times: Array, q: Array, rate: float) -> None:
+    """Draws a trajectory into the recording of a Meshcat, translucent, with an open hand.
 
     The scenario has the arm in its cell; ``rate`` is in pictures per second.
     """
@@ -56,8 +51,8 @@ def show_ghost(meshcat: Meshcat, scenario: Scenario, ghost: Ghost, rate: float) 
     diagram = builder.Build()
     root = diagram.CreateDefaultContext()
     context, arm = plant.GetMyContextFromRoot(root), plant.GetModelInstanceByName(config.arm.name)
-    for time in np.arange(0.0, ghost.times[-1], 1.0 / rate):
-        plant.SetPositions(context, arm, ghost.q[np.searchsorted(ghost.times, time)])
+    for time in np.arange(0.0, times[-1], 1.0 / rate):
+        plant.SetPositions(context, arm, q[np.searchsorted(times, time)])
         root.SetTime(time)
         shown.ForcedPublish(shown.GetMyContextFromRoot(root))
     robot = robot_instances(plant, config.arm)

@@ -22,7 +22,7 @@ from feasigrasp.models.grasps.glyphs import gripper_glyph, place_copies, spread_
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.runs.overlay import camera_page, live_page, picture_text, status_words
+from feasigrasp.runs.replay import camera_page, live_page, picture_text, status_words
 from feasigrasp.systems.monitoring.camera_pictures import Picture, jpeg
 from feasigrasp.systems.monitoring.meshcat_view import REACHABLE, GraspVisualizer, draw_surface
 

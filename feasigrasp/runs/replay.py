@@ -1,29 +1,24 @@
-"""Records a simulation in Meshcat as one offline HTML file, with a still picture."""
+"""Records a simulation in Meshcat as one offline HTML file; the pages with legend and status."""
 
+import base64
+import json
 import logging
 import shutil
-import subprocess
-import tempfile
 from collections.abc import Sequence
-from contextlib import suppress
+from importlib import resources
 from pathlib import Path
+from string import Template
 
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.control.status import Status
 from feasigrasp.outputs import write_text
-from feasigrasp.runs.overlay import replay_overlay
 from feasigrasp.systems.monitoring.camera_pictures import Picture
 
 #: Pictures per simulated second. Source: layout.
 FRAMES_PER_SECOND = 32.0
 #: Browsers that take pictures without a window.
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-
-
-class BrowserError(FeasigraspError, RuntimeError):
-    """No browser, or one that takes no pictures."""
 
 
 def quiet_meshcat() -> Meshcat:
@@ -76,54 +71,49 @@ def browser() -> str | None:
     return next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
-def screenshot(page: Path, picture: Path, size: tuple[int, int]) -> None:
-    """Writes a PNG of an HTML page, as a browser without a window shows it after some seconds.
+_BAR = (
+    '<div id="grasp-bar"><button title="space"></button>'
+    '<input type="range" min="0" step="any" value="0" aria-label="time"><output></output></div>'
+)
 
-    The size is width and height [pixels].
 
-    Raises:
-        BrowserError: There is no browser, or it takes no picture.
+def replay_overlay(history: Sequence[Status], pictures: Sequence[Picture], ghost: str = "") -> str:
+    """Overlay of a replay, and its playback bar, of statuses and camera pictures by time.
+
+    The mode of the translucent arm is ``ghost``, empty without one.
     """
-    program = browser()
-    if program is None:
-        raise BrowserError(f"there is no browser for pictures: install {BROWSERS[0]}")
-    with tempfile.TemporaryDirectory(prefix="feasigrasp-") as folder:
-        shot = Path(folder) / "shot.png"
-        command = [
-            program,
-            "--headless",
-            "--no-sandbox",  # the sandbox does not start as root, e.g. in a container
-            "--use-gl=angle",
-            "--use-angle=swiftshader",
-            "--enable-unsafe-swiftshader",
-            "--hide-scrollbars",
-            "--virtual-time-budget=6000",
-            f"--user-data-dir={folder}/profile",
-            f"--window-size={size[0]},{size[1]}",
-            f"--screenshot={shot}",
-            page.resolve().as_uri(),
-        ]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-        except (OSError, subprocess.SubprocessError) as error:
-            raise BrowserError(f"{program}: {error}") from error
-        if not shot.is_file():
-            raise BrowserError(f"{program} made no picture: {done.stderr[-2000:]}")
-        picture.parent.mkdir(parents=True, exist_ok=True)
-        shutil.move(shot, picture)
+    statuses = [[status.time, *status_words(status)] for status in history]
+    shown = [[picture.time, picture_text(picture)] for picture in pictures]
+    script = _page("replay.html", statuses=_script(statuses), pictures=_script(shown))
+    row = f'<div><i class="ghost"></i>the arm in mode {ghost}</div>' if ghost else ""
+    return _page("overlay.html", ghost=row, bar=_BAR, script=script)
 
 
-def take_picture(replay: Path) -> bool:
-    """Renders a replay, as it stands some seconds after it began to play, to a PNG beside it.
+def live_page(port: int) -> str:
+    """The page that frames the Meshcat of a port, and shows the state of a run over it."""
+    return _page("live.html", overlay=_page("overlay.html", ghost="", bar="", script=""), port=port)
 
-    Returns:
-        Whether there is a picture that is not older than the replay.
-    """
-    picture = replay.with_suffix(".png")
-    if not replay.exists():
-        return False
-    with suppress(BrowserError):
-        if not (picture.exists() and picture.stat().st_mtime >= replay.stat().st_mtime):
-            screenshot(replay, picture, (960, 600))
-        return True
-    return False
+
+def camera_page(port: int) -> str:
+    """The page that shows a camera's images, to choose the object in, beside that Meshcat."""
+    return _page("camera.html", port=port)
+
+
+def status_words(status: Status) -> list[str]:
+    """Code and detail of a status, as they are shown."""
+    return [str(status.code).replace("_", " "), status.detail]
+
+
+def picture_text(picture: Picture) -> str:
+    """A picture's file as base64."""
+    return base64.b64encode(picture.jpeg).decode()
+
+
+def _page(name: str, **values: object) -> str:
+    page = resources.files("feasigrasp.runs").joinpath(name)
+    return Template(page.read_text()).substitute(values)
+
+
+def _script(value: object) -> str:
+    """JSON that cannot end the script that it stands in."""
+    return json.dumps(value).replace("</", "<\\/")

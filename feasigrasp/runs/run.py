@@ -30,7 +30,7 @@ from feasigrasp.runs.ghost import ghost_of, show_ghost
 from feasigrasp.runs.live import LiveView
 from feasigrasp.runs.metrics.cause import Cause
 from feasigrasp.runs.metrics.handling import ObjectTruth
-from feasigrasp.runs.metrics.motion_limits import JointTicks
+from feasigrasp.runs.metrics.motion_limits import limit_metrics
 from feasigrasp.runs.metrics.reference_robot import (
     reference_robot,
     self_collision_metrics,
@@ -47,10 +47,10 @@ from feasigrasp.scenario.files import dump_scenario
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp.systems.from_scenario import make_reachability
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
 from feasigrasp.systems.monitoring.run_log import add_run_log, read_run_log
 from feasigrasp.systems.remote.remote_stage import end_processes
-from feasigrasp.systems.stages.controllers import make_reachability
 from feasigrasp.systems.station.directives import cell_directives
 
 #: The ``error`` of a run that Ctrl-C ended.
@@ -75,7 +75,6 @@ class Result:
     samples: Annotated[Array, ArrayOf(("s", "m"), finite=False)]
 
     def __post_init__(self) -> None:
-        """Checks what it is made of."""
         check_fields(self)
 
     @property
@@ -204,7 +203,7 @@ def run(
         if ghost is not None:
             say(f"simulating mode {ghost.control.mode} beside it")
             way = ghost_of(ghost, context.get_time())
-            show_ghost(meshcat, scenario, way, FRAMES_PER_SECOND)
+            show_ghost(meshcat, scenario, *way, FRAMES_PER_SECOND)
         say(f"writing {replay}")
         monitor = diagram.GetSubsystemByName("status")
         looks = monitor.looks(monitor.GetMyContextFromRoot(context))
@@ -313,14 +312,15 @@ def measured(
     sent, q = sent[:whole], q[:whole]
     motion = make_motion(scenario)
     contact = diagram.GetSubsystemByName("contact")
+    period, step = scenario.control.period, station.plant.time_step()
+    limits = None
+    if len(sent) and len(times):
+        limits = limit_metrics(sent, log("velocity")[1].T, period, step, station.arm)
     metrics = summarize(
         samples,
         closes=scenario.grasp.close,
         lift=scenario.grasp.lift[2],
-        ticks=JointTicks(
-            *(sent, log("velocity")[1].T, scenario.control.period, station.plant.time_step()),
-            arm=station.arm,
-        ),
+        limits=limits,
         obstacle_distance=log("obstacle_distance")[1],
         truth=ObjectTruth(
             path=np.array([motion.pose(t) for t in times]),
@@ -333,10 +333,10 @@ def measured(
     )
     if len(q):
         reference = reference_robot(cell_directives(scenario), station.arm)
-        every = max(1, round(SAMPLE_PERIOD / scenario.control.period))
+        every = max(1, round(SAMPLE_PERIOD / period))
         metrics |= self_collision_metrics(reference, q[::every])
         at, torques = log("torque")
-        tick = np.minimum(np.rint(at / scenario.control.period).astype(int), len(q) - 1)
+        tick = np.minimum(np.rint(at / period).astype(int), len(q) - 1)
         metrics |= torque_metrics(reference, q[tick], torques.T)
     metrics["friction"] = station.contact_friction()
     if diagram.HasSubsystemNamed("perception"):

@@ -15,8 +15,8 @@ from feasigrasp.models.robot.arm_file import load_arm
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper_file import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.sensors.camera_errors import HandEyeError
 from feasigrasp.models.sensors.depth_noise import DepthNoise
-from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.plugins import plugins
 from feasigrasp.scenario.cameras import check_cameras
 from feasigrasp.scenario.faults import check_faults
@@ -42,8 +42,7 @@ def check_scenario(scenario: Scenario) -> None:
         # Each fault has a table of its own; a part checks its own options.
         if path[0] not in ("faults", "parts"):
             _check_number(path, index, value, span)
-    _check_arm(scenario)
-    _check_gripper(scenario)
+    _check_robot(scenario)
     _check_cell(scenario)
     check_parts(scenario.parts)
     check_segmentation(scenario, own=Part.SEGMENTATION in scenario.parts)
@@ -69,7 +68,7 @@ def check_types_too(scenario: Scenario) -> None:
     check_scenario(scenario)
 
 
-def _check_arm(scenario: Scenario) -> None:
+def _check_robot(scenario: Scenario) -> None:
     control, method = scenario.control, scenario.reachability.method
     general = control.safe and control.controller in [*ControlSpace] and method == EXACT
     if load_arm(scenario.arm) is not IIWA_7 and not general:
@@ -77,9 +76,6 @@ def _check_arm(scenario: Scenario) -> None:
             f"arm is {scenario.arm}, but this mode, controller or method is made for the iiwa 7; "
             "give control: {mode: safe, controller: task} and reachability: {method: ik}"
         )
-
-
-def _check_gripper(scenario: Scenario) -> None:
     try:
         load_gripper(scenario.gripper)
     except GraspError as error:
@@ -87,23 +83,17 @@ def _check_gripper(scenario: Scenario) -> None:
 
 
 def _check_cell(scenario: Scenario) -> None:
-    """Obstacles have names that are free, a file if they are meshes, and three numbers each."""
-    cell, names = scenario.cell, [*scenario.cell.boxes, *scenario.cell.meshes]
+    """Obstacles have names that are free, and a file if they are meshes."""
+    names = [*scenario.cell.boxes, *scenario.cell.meshes]
     for name in names:
         if not (isinstance(name, str) and re.fullmatch(r"[A-Za-z]\w*", name)):
             raise ScenarioError(f"cell has the obstacle {name!r}; give letters, digits and _")
         taken = ("iiwa", "gripper", "camera", "table", "object", "world")  # models of the cell
         if name in taken or names.count(name) > 1:
             raise ScenarioError(f"cell has the obstacle {name!r}; that name is taken, give another")
-    for name, mesh in cell.meshes.items():
+    for name, mesh in scenario.cell.meshes.items():
         if not mesh.file:
             raise ScenarioError(f"cell.meshes.{name}.file is empty; give the mesh's file")
-    for kind in ("boxes", "meshes"):
-        for name, body in getattr(cell, kind).items():
-            for key, value in vars(body).items():
-                if isinstance(value, list) and len(value) != 3:
-                    where = f"cell.{kind}.{name}.{key}"
-                    raise ScenarioError(f"{where} has {len(value)} entries; give x, y and z")
 
 
 def _check_steps(scenario: Scenario) -> None:
@@ -208,7 +198,16 @@ def _check_law(scenario: Scenario) -> None:
             f"grasps; give control.controller: {' or '.join(ControlSpace)}"
         )
     if (mode := added_mode(config.mode)) is not None:
-        _check_unenforced(config)
+        if config.speed != 1.0:
+            raise ScenarioError(
+                f"control.speed is {config.speed:g}, but mode {config.mode} enforces no limit; "
+                "give control.mode: safe, or control.speed: 1"
+            )
+        for name in ("density", "score", "prediction"):
+            if (value := getattr(config, name)) != getattr(ControlConfig(), name):
+                raise ScenarioError(
+                    f"control.{name} is {value}, but only safe mode plans; give control.mode: safe"
+                )
         mode.check(scenario)
         return
     if config.options and config.controller in [*ControlSpace]:
@@ -222,20 +221,6 @@ def _check_law(scenario: Scenario) -> None:
             f"reachability.options has {', '.join(map(str, reach.options))}, but "
             f"method {EXACT} takes none; give reachability.method: {' or '.join(plugins('judges'))}"
         )
-
-
-def _check_unenforced(config: ControlConfig) -> None:
-    if config.speed != 1.0:
-        raise ScenarioError(
-            f"control.speed is {config.speed:g}, but mode {config.mode} enforces no limit; give "
-            "control.mode: safe, or control.speed: 1"
-        )
-    for name in ("density", "score", "prediction"):
-        value, ours = getattr(config, name), getattr(ControlConfig(), name)
-        if value != ours:
-            raise ScenarioError(
-                f"control.{name} is {value}, but only safe mode plans; give control.mode: safe"
-            )
 
 
 def _check_standoff(scenario: Scenario) -> None:
@@ -274,18 +259,21 @@ def _check_camera_noise(scenario: Scenario) -> None:
 
 
 def _check_vectors(scenario: Scenario) -> None:
-    motion, arm = scenario.motion, load_arm(scenario.arm)
-    lists = {k: v for k, v in vars(motion).items() if isinstance(v, list)}
-    vectors = {f"motion.{key}": (value, 3) for key, value in lists.items()} | {
-        "distractor.offset": (scenario.distractor.offset, 3),
-        "grasp.lift": (scenario.grasp.lift, 3),
-        "grasp.shake": (scenario.grasp.shake, 3),
-        "q_start": (scenario.q_start, arm.joints if scenario.q_start else 0),
+    cell, motion, arm = scenario.cell, scenario.motion, load_arm(scenario.arm)
+    parts: dict[str, Any] = {
+        "motion": motion,
+        "distractor": scenario.distractor,
+        "grasp": scenario.grasp,
     }
-    for key, (value, size) in vectors.items():
-        if len(value) != size:
-            what = "x, y and z" if size == 3 else f"one per joint of the arm, {size}"
-            raise ScenarioError(f"{key} has {len(value)} entries; give {what}")
+    parts |= {f"cell.boxes.{name}": box for name, box in cell.boxes.items()}
+    parts |= {f"cell.meshes.{name}": mesh for name, mesh in cell.meshes.items()}
+    for part, section in parts.items():
+        for key, value in vars(section).items():
+            if isinstance(value, list) and len(value) != 3:
+                raise ScenarioError(f"{part}.{key} has {len(value)} entries; give x, y and z")
+    if (given := len(scenario.q_start)) not in (0, arm.joints):
+        what = f"give one per joint of the arm, {arm.joints}"
+        raise ScenarioError(f"q_start has {given} entries; {what}")
     if not np.any(motion.spin_axis):
         raise ScenarioError("motion.spin_axis is zero; give an axis, and spin: 0 for no rotation")
     axis = getattr(scenario.object.rotation, "axis", None)
@@ -304,7 +292,7 @@ def _check_vectors(scenario: Scenario) -> None:
     i, j = model.pairs.T
     apart = np.linalg.norm(along[i][:, :, None] - along[j][:, None], axis=-1).min(axis=(1, 2))
     lowest = np.min(ends[model.movers, :, 2] - model.radius[model.movers, None])
-    if np.any(apart < model.radius[i] + model.radius[j]) or lowest < scenario.cell.table_height:
+    if np.any(apart < model.radius[i] + model.radius[j]) or lowest < cell.table_height:
         raise ScenarioError(
             "q_start: the arm starts in itself or in the table; give joints that are clear of both"
         )

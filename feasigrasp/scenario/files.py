@@ -69,11 +69,6 @@ def _from(folder: Path, name: str, ours: Collection[str]) -> str:
 
 #: The file of the packaged scenarios.
 PACKAGED = "dynamic.scenarios.yaml"
-#: What Drake's reader raises; it takes much for granted.
-_YAML_ERRORS = (
-    *(RuntimeError, ValueError, TypeError, LookupError),
-    *(AttributeError, AssertionError, ArithmeticError, yaml.YAMLError),
-)
 
 
 def scenario_names(filename: str | Path) -> list[str]:
@@ -280,7 +275,7 @@ def _load(node: yaml.Node, defaults: Scenario) -> Scenario:
         defaults = copy.deepcopy(defaults)
         _empty(defaults, yaml.load(text, Loader=yaml.BaseLoader))
         return yaml_load_typed(schema=Scenario, data=text, defaults=defaults)
-    except _YAML_ERRORS as error:
+    except Exception as error:  # Drake's reader takes much for granted
         raise ScenarioError(str(error) or type(error).__name__) from error
 
 

@@ -18,6 +18,8 @@ from feasigrasp.errors import ScenarioError
 from feasigrasp.models.choices import PLACE, TURN, Span, nearest
 
 _TAG = "tag:yaml.org,2002:"
+#: What a mapping holds.
+_Entries = list[tuple[yaml.Node, yaml.Node]]
 #: Mappings whose keys are names of the user's own.
 _NAMED = (("cameras",), ("camera_noise",), ("cell", "boxes"), ("cell", "meshes"))
 #: Keys that older releases of Drake have, and their value there by default; recorded scenarios hold
@@ -111,12 +113,10 @@ def _sections(root: yaml.Node) -> Iterator[tuple[str, yaml.MappingNode]]:
 
 def _move(
     section: yaml.MappingNode, former: dict[str, object], options: dict[str, typing.Any]
-) -> list[tuple[yaml.Node, yaml.Node]]:
+) -> _Entries:
     """Moves the keys of a mapping, and of those that it merges; returns what its options are."""
-    merged: list[tuple[yaml.Node, yaml.Node]] = []
-    own: list[tuple[yaml.Node, yaml.Node]] = []
-    rest: list[tuple[yaml.Node, yaml.Node]] = []
-    found: list[tuple[yaml.Node, yaml.Node]] | None = None
+    merged, own, rest = _Entries(), _Entries(), _Entries()
+    found: _Entries | None = None
     for key, value in section.value:
         if key.tag == f"{_TAG}merge" and isinstance(value, yaml.MappingNode):
             merged = _move(value, former, options)

@@ -10,7 +10,7 @@ from enum import StrEnum
 from typing import Any
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.choices import nearest, parse_choice
+from feasigrasp.models.choices import nearest, parse_word
 
 
 class Part(StrEnum):
@@ -49,7 +49,7 @@ def check_parts(parts: Mapping[str, PartConfig]) -> None:
     Nothing is imported: reading a scenario runs no code of others. `make_named` does, for a run.
     """
     for key, part in parts.items():
-        parse_choice(Part, key, "parts", ScenarioError)
+        parse_word(Part, key, "parts", ScenarioError)
         _split(_where(key, part), part.name)
 
 

@@ -27,9 +27,8 @@ from feasigrasp.models.objects.mesh import read_surface
 from feasigrasp.models.objects.motion import BezierMotion, HarmonicMotion, ObjectMotion, bezier_legs
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
-from feasigrasp.models.sensors.camera_errors import MATERIALS
+from feasigrasp.models.sensors.camera_errors import MATERIALS, HandEyeError
 from feasigrasp.models.sensors.depth_noise import DepthNoise
-from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.parts import Part, make_named
 from feasigrasp.scenario.schema import BezierPath, Scenario

@@ -385,14 +385,11 @@ class Scenario:
         """Checks the types of the entries.
 
         Raises:
-            ScenarioError: One has another type, the seed is negative, or joints are missing.
+            ScenarioError: One has another type, or the seed is negative.
         """
         check_fields(self, ScenarioError)
         if self.random_seed < 0:
             raise ScenarioError(f"Scenario.random_seed = {self.random_seed}; give 0 or more")
-        joints = load_arm(self.arm).joints
-        if len(self.q_start) not in (0, joints):
-            raise ScenarioError(f"q_start has {len(self.q_start)} entries; give {joints}")
 
     @property
     def start(self) -> Array:

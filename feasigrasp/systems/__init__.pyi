@@ -1,14 +1,14 @@
-from .controller_inputs import ControllerInputs as ControllerInputs
 from .dynamic_grasp import DynamicGrasp as DynamicGrasp
 from .dynamic_grasp import Subsystems as Subsystems
 from .dynamic_grasp import make_dynamic_grasp as make_dynamic_grasp
+from .grasp_controller import ControllerInputs as ControllerInputs
 from .grasp_controller import GraspController as GraspController
 from .grasp_sampler import GraspSampler as GraspSampler
 from .gripper_sequencer import GripperSequencer as GripperSequencer
 from .horizon_controller import GPJointController as GPJointController
 from .horizon_controller import RMMTaskController as RMMTaskController
 from .metrics import Metrics as Metrics
-from .motion_predictor import MotionPredictor as MotionPredictor
+from .object_tracker import MotionPredictor as MotionPredictor
 from .object_tracker import ObjectTracker as ObjectTracker
 from .point_cloud_to_gpdf import PointCloudToGPDF as PointCloudToGPDF
 from .reachability_filter import ReachabilityFilter as ReachabilityFilter

@@ -14,7 +14,12 @@ from feasigrasp.scenario.checks import check_segmentation, check_types_too
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.sampling import make_hand_error
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.from_scenario import make_part, make_station, tracks_from_depth
+from feasigrasp.systems.from_scenario import (
+    make_part,
+    make_reachability,
+    make_station,
+    tracks_from_depth,
+)
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.pipeline import (
     Cell,
@@ -25,7 +30,6 @@ from feasigrasp.systems.pipeline import (
     add_visualization,
 )
 from feasigrasp.systems.segmentation.foreground_segmentation import MaskFn
-from feasigrasp.systems.stages.controllers import make_reachability
 from feasigrasp.systems.stages.remote import remote_object, remote_planner
 from feasigrasp.systems.station.cell_check import check_cell
 from feasigrasp.systems.station.station import Station

@@ -20,8 +20,7 @@ from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.reach.interception import Situation
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
-from feasigrasp.systems.controller_inputs import ControllerInputs
-from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
 
 
 class HorizonController(GraspController):

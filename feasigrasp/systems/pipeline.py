@@ -25,9 +25,11 @@ from feasigrasp.scenario.parts import Part, make_named
 from feasigrasp.scenario.schema import Execution, Scenario, Segmentation
 from feasigrasp.systems.from_scenario import (
     make_camera,
+    make_drive,
     make_foreground_segmentation,
     make_grasp_sampler,
     make_object_pixels,
+    make_reachability_filter,
     make_scene,
     make_static_grid,
 )
@@ -38,11 +40,10 @@ from feasigrasp.systems.monitoring.camera_pictures import CameraPictures
 from feasigrasp.systems.monitoring.contact_sense import ContactSense
 from feasigrasp.systems.monitoring.meshcat_view import GraspVisualizer, add_scene
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
-from feasigrasp.systems.motion_predictor import MotionPredictor
+from feasigrasp.systems.object_tracker import MotionPredictor
 from feasigrasp.systems.reachability_filter import PayloadFilter, SceneFilter
 from feasigrasp.systems.segmentation.foreground_segmentation import MaskFn
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
-from feasigrasp.systems.stages.controllers import make_drive, make_reachability_filter
 from feasigrasp.systems.stages.delay import Delay
 from feasigrasp.systems.stages.faults import FaultInjection
 from feasigrasp.systems.stages.remote import add_lapsed, remote_scene, remote_tracker

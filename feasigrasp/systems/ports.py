@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import weakref
 from collections.abc import Callable, Collection
 from enum import Enum
@@ -16,6 +17,7 @@ from pydrake.systems.framework import (
     CacheEntry,
     Context,
     DependencyTicket,
+    Diagram,
     DiagramBuilder,
     InputPort,
     LeafSystem,
@@ -264,3 +266,23 @@ def _stored(value: Any) -> Any:
 
 def _read(value: Any) -> Any:
     return None if value is Nothing.NOTHING else value
+
+
+class ArmPorts(Diagram):
+    """A station whose ports ``arm.*`` are found as ``iiwa.*``, too."""
+
+    def GetInputPort(self, port_name: str) -> InputPort:  # noqa: N802 - Drake's name
+        """The input port of a name."""
+        return super().GetInputPort(_present(port_name))
+
+    def GetOutputPort(self, port_name: str) -> OutputPort:  # noqa: N802 - Drake's name
+        """The output port of a name."""
+        return super().GetOutputPort(_present(port_name))
+
+
+def _present(name: str) -> str:
+    if not name.startswith("iiwa."):
+        return name
+    present = name.replace("iiwa.", "arm.", 1)
+    warnings.warn(f"port {name} is now {present}; rename it", FutureWarning, stacklevel=3)
+    return present

@@ -15,38 +15,41 @@ _POSE_AT_VIEW = "tracker.pose_at_view | pose_at_view.pose | tracker.object_pose"
 _POSITION = "station.arm.position_measured"
 _FINGERS = "station.gripper.state_measured"
 
-#: Images of perception's two cameras, and the measured arm at their instant.
-CAMERA = {
-    "point_cloud": "cloud",
-    "color_image": "color",
-    "depth_image": "depth",
-    "image_time": "camera.stamp",
-    "camera_pose": "camera.pose",
-    "position": f"camera.position | {_POSITION}",
-    "gripper_state": f"camera.gripper_state | {_FINGERS}",
-}
-_SECOND = {
-    "point_cloud": "second.point_cloud",
-    "color_image": "second_color",
-    "depth_image": "second.depth_image",
-    "image_time": "second.stamp",
-    "camera_pose": "second.pose",
-    "position": f"second.position | {_POSITION}",
-    "gripper_state": f"second.gripper_state | {_FINGERS}",
-}
+
+def _same(system: str, *ports: str) -> dict[str, str]:
+    """Inputs that are called as the outputs of a system that they are connected to."""
+    return {port: f"{system}.{port}" for port in ports}
+
+
+def _images(camera: str, cloud: str, color: str, depth: str) -> dict[str, str]:
+    """Images of a camera, and the measured arm at their instant."""
+    return {
+        "point_cloud": cloud,
+        "color_image": color,
+        "depth_image": depth,
+        "image_time": f"{camera}.stamp",
+        "camera_pose": f"{camera}.pose",
+        "position": f"{camera}.position | {_POSITION}",
+        "gripper_state": f"{camera}.gripper_state | {_FINGERS}",
+    }
+
+
+#: Images of perception's two cameras.
+CAMERA = _images("camera", "cloud", "color", "depth")
+_SECOND = _images("second", "second.point_cloud", "second_color", "second.depth_image")
 #: What is known of the object when an image is segmented.
 _TRACKED = {"object_pose": _POSE_AT_VIEW, "tracking": "tracker.tracking", "gpdf": "field"}
+#: What is known of the object's motion.
+_MOVING = {
+    **_same("tracker", "object_pose", "object_velocity"),
+    "object_motion": "predictor.object_motion | tracker.object_motion",
+}
 
 #: What a controller is given, and a planner in a process of its own.
 _CONTROLLER = {
     "position": _POSITION,
-    "grasps": "sequencer.grasps",
-    "object_pose": "sequencer.object_pose",
-    "object_velocity": "sequencer.object_velocity",
-    "object_motion": "sequencer.object_motion",
-    "phase": "sequencer.phase",
-    "gpdf": "sequencer.gpdf",
-    "search_target": "sequencer.search_target",
+    **_same("sequencer", "grasps", "object_pose", "object_velocity", "object_motion"),
+    **_same("sequencer", "phase", "gpdf", "search_target"),
     "tracking": "tracker.tracking",
     "camera_pose": "hand_camera",
     "desired_velocity": "drive.desired_velocity",
@@ -55,6 +58,7 @@ _CONTROLLER = {
     "static_obstacles": "static_obstacles.y0",
     "plan": "planner.plan",
 }
+_IN_SCENE = {"object_pose": "tracker.object_pose", "scene": "scene_perception.scene"}
 
 #: By system and input port: where it comes from.
 CONNECTIONS: dict[str, dict[str, str]] = {
@@ -63,9 +67,8 @@ CONNECTIONS: dict[str, dict[str, str]] = {
     "segmentation": {"point_cloud": "cloud", "label_image": "labels", "depth_image": "depth"},
     "second_foreground": _SECOND | _TRACKED,
     "second_segmentation": {
-        "point_cloud": "second.point_cloud",
+        **_same("second", "point_cloud", "depth_image"),
         "label_image": "second_foreground.label_image",
-        "depth_image": "second.depth_image",
     },
     "tracker": {
         "pose": "measured_pose",
@@ -90,20 +93,14 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "gpdf": "field",
         "phase": "hand_phase",
     },
-    "predictor": {
-        "object_pose": "tracker.object_pose",
-        "object_velocity": "tracker.object_velocity",
-        "object_motion": "tracker.object_motion",
-    },
+    "predictor": _same("tracker", "object_pose", "object_velocity", "object_motion"),
     "pose_at_view": {"pose": "tracker.object_pose", "stamp": "camera.stamp"},
     "perception": {
-        "point_cloud": "segmentation.point_cloud",
-        "outline": "segmentation.outline",
+        **_same("segmentation", "point_cloud", "outline"),
         "image_time": "camera.stamp",
         "camera_pose": "camera.pose",
         "object_pose": _POSE_AT_VIEW,
-        "tracking": "tracker.tracking",
-        "keyframe": "tracker.keyframe",
+        **_same("tracker", "tracking", "keyframe"),
         "stamp": "remote_stamp",
     },
     "scene_perception": {
@@ -116,31 +113,19 @@ CONNECTIONS: dict[str, dict[str, str]] = {
     "sampler": {"gpdf": "field"},
     "latency": {"u": "sampler.grasps | perception.grasps", "stamp": "exposed"},
     "carrying": {"grasps": "latency.y", "object_pose": "tracker.object_pose"},
-    "clear_grasps": {
-        "grasps": "carrying.grasps | latency.y",
-        "object_pose": "tracker.object_pose",
-        "scene": "scene_perception.scene",
-    },
+    "clear_grasps": {"grasps": "carrying.grasps | latency.y", **_IN_SCENE},
     "reachability": {
         "grasps": "clear_grasps.grasps | carrying.grasps | latency.y",
-        "object_pose": "tracker.object_pose",
-        "object_velocity": "tracker.object_velocity",
-        "object_motion": "predictor.object_motion | tracker.object_motion",
+        **_MOVING,
         "position": _POSITION,
         "desired_velocity": "drive.desired_velocity",
     },
-    "clear_hand_poses": {
-        "grasps": "reachability.grasps",
-        "object_pose": "tracker.object_pose",
-        "scene": "scene_perception.scene",
-    },
+    "clear_hand_poses": {"grasps": "reachability.grasps", **_IN_SCENE},
     "reachable": {"u": "clear_hand_poses.grasps | reachability.grasps"},
     # Grasps -> what the controller follows -> arm and gripper.
     "sequencer": {
         "grasps": "reachable.y",
-        "object_pose": "tracker.object_pose",
-        "object_velocity": "tracker.object_velocity",
-        "object_motion": "predictor.object_motion | tracker.object_motion",
+        **_MOVING,
         "tracking": "tracker.tracking",
         "gpdf": "field",
         "perceived": "perception.perceived",
@@ -164,14 +149,11 @@ CONNECTIONS: dict[str, dict[str, str]] = {
         "grasps": "latency.y",
         "verdicts": "reachability.verdicts",
         "reachable": "sequencer.grasps",
-        "phase": "sequencer.phase",
-        "search_target": "sequencer.search_target",
-        "object_pose": "tracker.object_pose",
-        "tracking": "tracker.tracking",
+        **_same("sequencer", "phase", "search_target"),
+        **_same("tracker", "object_pose", "tracking"),
         "perceived": "perception.perceived",
         "scene": "scene_perception.scene",
-        "command_faults": "drive.command_faults",
-        "desired_velocity": "drive.desired_velocity",
+        **_same("drive", "command_faults", "desired_velocity"),
         "touches": "contact_sense.touches",
         "lapsed": "lapsed.sum",
         "contradicted": "foreground.contradicted",

@@ -50,9 +50,7 @@ class DiffusionSampler:
 
     def __call__(self, gpdf: Gpdf) -> GraspSet:
         """Filtered grasps, best first, in the frame of the field (object frame O)."""
-        surface = grasp_input(gpdf, self.n_points)
-        rng = np.random.default_rng(self.seed)
-        return self.judged(gpdf, self.diffusion.at(surface).sample(self.n_samples, rng))
+        return self.judged(gpdf, self.candidates(gpdf)[0])
 
     def judged(self, gpdf: Gpdf, X_OG: Array) -> GraspSet:
         """What filter and thinning leave of hand poses (n, 4, 4)."""
@@ -60,6 +58,16 @@ class DiffusionSampler:
         grasps = filter_grasps(gpdf, X_OG[held], width[held], self.gripper)
         distinct_grasps = suppress_non_maxima(grasps, self.n_grasps, least_score=self.least_score)
         return distinct_grasps.counted({Rejection.NOTHING_BETWEEN: int(np.count_nonzero(~held))})
+
+    def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, None]:
+        """The poses X_OG (n, 4, 4) as they were drawn, and the distances of the contacts (n,) [m].
+
+        The opening stands where there are no contacts; nothing else is learned of a pose.
+        """
+        surface = grasp_input(gpdf, self.n_points)
+        rng = np.random.default_rng(self.seed)
+        X_OG = self.diffusion.at(surface).sample(self.n_samples, rng)
+        return X_OG, closed_on(gpdf, X_OG, self.gripper.max_opening)[1], None
 
 
 def closed_on(gpdf: Gpdf, X_OG: Array, opening: float) -> tuple[Array, Array, Mask]:

@@ -29,8 +29,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import ReachabilityConfig, Scenario
-from feasigrasp.systems.controller_inputs import ControllerInputs
-from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
 from feasigrasp.systems.ports import declare_output
 from feasigrasp_lab.baselines.diffusion_energy import LENGTH
 from feasigrasp_lab.baselines.diffusion_sampler import DiffusionSampler, closed_on

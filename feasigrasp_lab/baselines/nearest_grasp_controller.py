@@ -19,8 +19,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.scenario.schema import ReachabilityConfig, Scenario
-from feasigrasp.systems.controller_inputs import ControllerInputs
-from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
 from feasigrasp_lab.paper.modes import Unenforced
 from feasigrasp_lab.paper.options import PaperOptions
 from feasigrasp_lab.paper.task_law import hand_twist_kernel, least_norm_kernel

@@ -9,7 +9,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.horizon.distance_field import (
+from feasigrasp.models.control.horizon.distance import (
     NOISE_VARIANCE,
     distances_kernel,
     evaluate_kernel,

@@ -21,7 +21,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.errors import ReachabilityError, ScenarioError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Frozen
-from feasigrasp.models.choices import parse_choice, parse_word
+from feasigrasp.models.choices import parse_word
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import ANY_POSES, NotNegative, Positive
@@ -150,7 +150,8 @@ class PoseJudge(Frozen):
     def __post_init__(self) -> None:
         """Checks the method, and loads the packaged space where one is needed."""
         check_fields(self, ReachabilityError)
-        method = parse_choice(JudgeMethod, self.method, "reachability method", ReachabilityError)
+        word = parse_word(JudgeMethod, self.method, "reachability method", ReachabilityError)
+        method = JudgeMethod(word)
         object.__setattr__(self, "method", method)
         if method in (JudgeMethod.RMM, JudgeMethod.BOTH) and self.space is None:
             object.__setattr__(self, "space", ReachableSpace.load_named())

@@ -27,8 +27,7 @@ from feasigrasp.models.control.safety.velocity_limits import is_fault_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.schema import ReachabilityConfig, Scenario
-from feasigrasp.systems.controller_inputs import ControllerInputs
-from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
 from feasigrasp.systems.velocity_drive import VelocityDrive
 from feasigrasp_lab.paper.grasp_mixture import MixtureMemory
 from feasigrasp_lab.paper.joint_law import PaperJointControl

@@ -22,11 +22,11 @@ from feasigrasp.errors import FeasigraspError, ReachabilityError
 from feasigrasp.inputs import read_arrays
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
-from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.choices import parse_word
 from feasigrasp.models.quantities import UNKNOWN_POSES
+from feasigrasp.outputs import replacing
 from feasigrasp_lab import WEIGHTS
 from feasigrasp_lab.mixtures.mixture import RiemannianMixture
-from feasigrasp_lab.results.finished import write_arrays
 
 #: The file of flange poses of the iiwa 7 with its hand.
 DEFAULT_FILE = WEIGHTS / "reachable_space.npz"
@@ -86,7 +86,8 @@ class ReachableSpace(Frozen):
         """Writes the space as ``.npz``, whole or not at all."""
         arrays = {name: getattr(self.mixture, name) for name in _ARRAYS}
         metadata = np.array(json.dumps(dict(self.metadata)))
-        write_arrays(path, {**arrays, "threshold": self.threshold, "metadata": metadata})
+        with replacing(path) as file:
+            np.savez_compressed(file, **arrays, threshold=self.threshold, metadata=metadata)
 
     @classmethod
     @checked(ReachabilityError)
@@ -119,5 +120,5 @@ class ReachableSpace(Frozen):
         Raises:
             ReachabilityError: There is no such space, or its file is missing or malformed.
         """
-        name = parse_choice(SpaceName, name, "reachable space", ReachabilityError)
-        return cls.load(PAPER_FILE if name is SpaceName.PAPER else DEFAULT_FILE)
+        name = parse_word(SpaceName, name, "reachable space", ReachabilityError)
+        return cls.load(PAPER_FILE if name == SpaceName.PAPER else DEFAULT_FILE)

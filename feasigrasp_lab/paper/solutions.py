@@ -18,7 +18,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.horizon.distance_field import distances_kernel, length_scale_kernel
+from feasigrasp.models.control.horizon.distance import distances_kernel, length_scale_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.ik.continuation import branch_kernel, flange_pose_kernel, solve_kernel

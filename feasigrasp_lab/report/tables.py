@@ -9,13 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from feasigrasp.outputs import save_figure
-from feasigrasp.runs.metrics.table import FIGURES
 from feasigrasp_lab.protocols.ablations import ablation_of
 from feasigrasp_lab.protocols.changes import CAMERA_MOTIONS, MOTIONS
 from feasigrasp_lab.protocols.fault_table import FAULTS
 from feasigrasp_lab.report.paper_tables import TABLE_1, TABLE_1_ABLATION, TABLE_2, TABLE_2_COLUMNS
 from feasigrasp_lab.results.rows import Row
-from feasigrasp_lab.runs.summary import HANDLING, LIMITS
+from feasigrasp_lab.runs.summary import FIGURES, HANDLING, LIMITS
 
 FIGURE = "speed_curve.png"
 #: What the curves are drawn over, by the curves.

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from feasigrasp.models.choices import SAFE
-from feasigrasp.runs.metrics.table import FIGURES, METRICS, Over
+from feasigrasp.runs.metrics.table import METRICS, Figure, Over
 from feasigrasp_lab.protocols.ablations import ablation_rows, controller_rows
 from feasigrasp_lab.protocols.changes import curve_point
 from feasigrasp_lab.protocols.tuned import rows_apart
@@ -17,6 +17,26 @@ from feasigrasp_lab.results.rows import Row
 from feasigrasp_lab.results.statistics import grouped, mean_of_objects
 from feasigrasp_lab.runs.studies import suffix_of
 
+#: Rows of summaries that are of no metric.
+_OTHERS = (
+    Figure("failed_percent", Over.SHARE, "runs with an error"),
+    Figure("real_time_factor", Over.MEAN, "simulated by wall time", "1", digits=2),
+    Figure("held_change_percent", Over.MEAN, "change of grasp success"),
+    Figure("held_after_change_s", Over.MEAN, "change of time to release", "s"),
+)
+
+
+def _figures() -> dict[str, Figure]:
+    figures = list(_OTHERS)
+    for name, metric in METRICS.items():
+        if metric.averaged:
+            figures.append(Figure(name, Over.MEAN, metric.term, metric.unit, digits=metric.digits))
+        figures += metric.rows
+    return {figure.name: figure for figure in figures}
+
+
+#: Every row of the summary of many runs, by name.
+FIGURES: dict[str, Figure] = _figures()
 #: Rows that every table of runs shows: what the arm did to the object, and its true acceleration.
 HANDLING = (
     "pushed_percent",

@@ -14,9 +14,9 @@ from string import Template
 from tqdm import tqdm
 
 from feasigrasp.outputs import write_text
-from feasigrasp.runs.replay import take_picture
 from feasigrasp.runs.results.provenance import git_revision
 from feasigrasp.scenario.sampling import lap
+from feasigrasp_lab.report.screenshot import take_picture
 from feasigrasp_lab.results.arguments import add_common_arguments
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.runs.isolated import report_crashes, run_all

@@ -9,7 +9,7 @@ import pytest
 
 from feasigrasp import cli
 from feasigrasp.commands import doctor
-from feasigrasp.commands.doctor import Finding, Health
+from feasigrasp.commands.doctor import Finding
 from feasigrasp.models import weights_file
 from feasigrasp.runs import replay
 
@@ -38,10 +38,10 @@ def test_this_installation_is_well(capsys):
 
 def test_a_problem_is_counted(monkeypatch, capsys):
     def breaks():
-        yield Finding(Health.OK, "first")
+        yield Finding("ok", "first")
         raise ImportError("no such thing")
 
-    fine = [lambda: iter([Finding(Health.WITHOUT, "an extra")])]
+    fine = [lambda: iter([Finding("without", "an extra")])]
     monkeypatch.setattr(doctor, "LOOKS", (*fine, breaks, *fine))
     assert cli.main(["doctor"]) == 1
     assert capsys.readouterr().out.splitlines() == [
@@ -59,10 +59,10 @@ def test_a_release_out_of_range_is_a_problem_and_a_part_left_out_is_none(monkeyp
     monkeypatch.setattr(doctor, "version", lambda name: "1.58.0")
     monkeypatch.setitem(sys.modules, "torch", None)  # import torch raises ModuleNotFoundError
     _, old, new, fine, left_out = doctor.libraries()
-    assert old.health is new.health is Health.PROBLEM
+    assert old.health == new.health == "problem"
     assert new.text == "drake 1.58.0 is none of <1.52,>=1.51: pip install 'drake>=1.51,<1.52'"
-    assert fine == Finding(Health.OK, "drake 1.58.0")
-    assert left_out.health is Health.WITHOUT and "pip install 'torch>=2.2', for" in left_out.text
+    assert fine == Finding("ok", "drake 1.58.0")
+    assert left_out.health == "without" and "pip install 'torch>=2.2', for" in left_out.text
 
 
 def test_a_library_that_is_missing_or_broken_is_named(monkeypatch, tmp_path):
@@ -71,8 +71,8 @@ def test_a_library_that_is_missing_or_broken_is_named(monkeypatch, tmp_path):
     wanted = ["numpy>=1.26", "absentlib>=2", "brokenlib<3", "pytest; extra == 'dev'"]
     monkeypatch.setattr(doctor, "requires", lambda name: wanted)
     _, numpy, absent, broken = doctor.libraries()
-    assert numpy == Finding(Health.OK, f"numpy {metadata.version('numpy')}")
-    assert absent.health is broken.health is Health.PROBLEM
+    assert numpy == Finding("ok", f"numpy {metadata.version('numpy')}")
+    assert absent.health == broken.health == "problem"
     assert "pip install 'absentlib>=2'" in absent.text
     assert "libEGL.so.1: no such file" in broken.text and "make setup" in broken.text
 
@@ -89,7 +89,7 @@ def test_a_library_that_is_missing_or_broken_is_named(monkeypatch, tmp_path):
 def test_rendering_may_fail_in_any_way(program, says, monkeypatch):
     monkeypatch.setattr(doctor, "_RENDER", program)
     finding = found(doctor.rendering)
-    assert finding.health is (Health.PROBLEM if says else Health.OK)
+    assert finding.health == ("problem" if says else "ok")
     assert (says or "where it is") in finding.text
 
 
@@ -118,7 +118,7 @@ def test_compiled_code_that_cannot_be_kept_is_a_problem(monkeypatch, tmp_path):
     kernels(monkeypatch, tmp_path / "geometry")
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     finding = found(doctor.compiled_code)
-    assert finding.health is Health.PROBLEM and "NUMBA_CACHE_DIR" in finding.text
+    assert finding.health == "problem" and "NUMBA_CACHE_DIR" in finding.text
 
 
 def test_a_file_that_is_cut_off_is_named(monkeypatch, tmp_path):
@@ -126,7 +126,7 @@ def test_a_file_that_is_cut_off_is_named(monkeypatch, tmp_path):
     (tmp_path / whole.name).write_bytes(whole.read_bytes()[:1000])
     monkeypatch.setattr(weights_file, "WEIGHTS", tmp_path)
     (finding,) = doctor.files()
-    assert finding.health is Health.PROBLEM
+    assert finding.health == "problem"
     assert "grasp_network.npz is no whole npz file" in finding.text and "git" in finding.text
 
 
@@ -136,10 +136,10 @@ def test_the_weights_are_all_that_come_with_the_package():
 
 def test_without_a_browser_there_are_no_pictures(monkeypatch):
     monkeypatch.setattr(replay, "BROWSERS", ("no-such-browser",))
-    assert found(doctor.browser).health is Health.WITHOUT
+    assert found(doctor.browser).health == "without"
     monkeypatch.setattr(replay, "BROWSERS", (sys.executable,))
     assert found(doctor.browser) == Finding(
-        Health.OK, f"browser for pictures of replays: {sys.executable}"
+        "ok", f"browser for pictures of replays: {sys.executable}"
     )
 
 
@@ -160,6 +160,6 @@ def test_without_a_browser_there_are_no_pictures(monkeypatch):
 def test_a_scenario_that_does_not_run_is_told_in_one_line_with_a_mend(before, says, monkeypatch):
     monkeypatch.setattr(doctor, "_RUN", before + doctor._RUN)
     finding = found(doctor.scenario)
-    assert finding.health is Health.PROBLEM
+    assert finding.health == "problem"
     assert says in finding.text and "\n" not in finding.text
     assert "pip install --force-reinstall 'drake" in finding.text

@@ -5,7 +5,7 @@ from enum import StrEnum
 import pytest
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.choices import parse_word
 
 
 class Colour(StrEnum):
@@ -14,11 +14,11 @@ class Colour(StrEnum):
 
 
 def test_a_word_or_a_member_is_taken():
-    assert parse_choice(Colour, "red", "colour", ControlError) is Colour.RED
-    assert parse_choice(Colour, Colour.BLUE, "colour", ControlError) is Colour.BLUE
+    assert parse_word(Colour, "red", "colour", ControlError) == Colour.RED
+    assert parse_word(Colour, Colour.BLUE, "colour", ControlError) == Colour.BLUE
 
 
 @pytest.mark.parametrize("word", ["Red", "", "green", None])
 def test_another_word_is_refused_with_those_there_are(word):
     with pytest.raises(ControlError, match="colour is .*; choose one of red, blue"):
-        parse_choice(Colour, word, "colour", ControlError)
+        parse_word(Colour, word, "colour", ControlError)

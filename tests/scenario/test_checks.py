@@ -13,8 +13,8 @@ from pydrake.multibody.parsing import ModelDirective
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.choices import metadata_of
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.sensors.camera_errors import HandEyeError
 from feasigrasp.models.sensors.depth_noise import DepthNoise
-from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario, numbers, words
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario, scenario_names

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform
 from feasigrasp.errors import ScenarioError
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems import make_dynamic_grasp
-from feasigrasp.systems.motion_predictor import CustomMotion
+from feasigrasp.systems.object_tracker import CustomMotion
 
 TWIST = np.array([0.0, 0.0, 0.0, 0.1, -0.2, 0.3])
 HERE = RigidTransform([0.5, 0.1, 0.4]).GetAsMatrix4()

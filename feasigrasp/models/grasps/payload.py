@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import GraspSet, Load, MassEstimate, Rejection
-from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper, SuctionCup
 from feasigrasp.models.shape.gpdf import Gpdf
 
 # Mass and center of mass of a completed shape, with their uncertainty.

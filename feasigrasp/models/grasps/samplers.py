@@ -19,8 +19,7 @@ from feasigrasp.models.grasps.non_maximum_suppression import (
 )
 from feasigrasp.models.grasps.suction import SuctionSampler, recheck_suction
 from feasigrasp.models.quantities import Count, Share, Whole
-from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper, SuctionCup
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.plugins import load_plugin, plugins
 

@@ -21,7 +21,7 @@ from feasigrasp.models.grasps.hand_clearance import MARGIN, hand_clearance
 from feasigrasp.models.grasps.non_maximum_suppression import LEAST_SCORE, suppress_non_maxima
 from feasigrasp.models.grasps.success_probability import free_probability
 from feasigrasp.models.quantities import Count, Share
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import SuctionCup
 from feasigrasp.models.shape.gpdf import MARGIN_GROWTH, Gpdf, surface_deviation
 
 #: Points on the lip. Source: numerical.

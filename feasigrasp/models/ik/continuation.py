@@ -10,7 +10,6 @@ object and redundancy do. Of an arm without one, least squares take its place.
 import numpy as np
 
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.ik.parallel_axes import parallel_axes_kernel
 from feasigrasp.models.ik.seeded import seed_of_kernel, seeded_kernel
 from feasigrasp.models.ik.self_motion import (
     arm_angle_kernel,
@@ -18,7 +17,7 @@ from feasigrasp.models.ik.self_motion import (
     inside_limits_kernel,
     self_motion_kernel,
 )
-from feasigrasp.models.ik.shoulder_wrist import shoulder_wrist_kernel
+from feasigrasp.models.ik.subproblems import parallel_axes_kernel, shoulder_wrist_kernel
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.robot.arm import FAMILY, MARGIN, Family
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel

@@ -18,7 +18,7 @@ from feasigrasp.models.quantities import POSES, ArrayOf, NotNegative
 from feasigrasp.models.reach.interception import InterceptionOptions, Situation, find_interceptions
 from feasigrasp.models.reach.kernels import REACHABLE
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import SuctionCup
 from feasigrasp.models.shape.gpdf import Gpdf
 
 #: Most grasps that are kept: what a controller ranks anew in 4 ms. Source: guessed.

@@ -51,7 +51,7 @@ class CapsuleModel(NamedTuple):
 
     def placed(self, q: Array) -> Array:
         """The end points in the world at joint positions q (n,) [rad], shape (c, 2, 3) [m]."""
-        R, p = _link_poses(self.chain, q)
+        R, p = link_poses(self.chain, q)
         ends: Array = np.einsum("cij,cej->cei", R[self.link], self.ends) + p[self.link][:, None]
         return ends
 
@@ -64,7 +64,7 @@ class CapsuleModel(NamedTuple):
         return model
 
 
-def _link_poses(chain: Array, q: Array) -> tuple[Array, Array]:
+def link_poses(chain: Array, q: Array) -> tuple[Array, Array]:
     """Rotations (n + 1, 3, 3) and origins (n + 1, 3) [m] of the link frames in the world."""
     R, p = np.empty((len(chain), 3, 3)), np.empty((len(chain), 3))
     link_poses_kernel(chain, np.array(q, dtype=float), R, p)
@@ -201,7 +201,7 @@ class ArmBalls(NamedTuple):
 
     def placed(self, q: Array) -> Array:
         """The centres at joint positions q (n,), shape (k, 3) [m]."""
-        R, p = _link_poses(self.chain, q)
+        R, p = link_poses(self.chain, q)
         center: Array = np.einsum("kij,kj->ki", R[self.link], self.center) + p[self.link]
         return center
 

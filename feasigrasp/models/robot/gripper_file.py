@@ -7,8 +7,7 @@ from typing import Any
 from feasigrasp.errors import GraspError
 from feasigrasp.inputs import read_yaml
 from feasigrasp.models.choices import nearest
-from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper, SuctionCup
 
 #: An example of how to describe a hand of one's own: one like the Schunk WSG 50 with 110 mm stroke.
 #: Lengths as in Drake's description of it, made after the maker's drawing: body 146 x 72.5 x 50 mm,
@@ -54,14 +53,13 @@ def load_gripper(name: str) -> Gripper:
             f"{nearest(name, GRIPPERS)}"
         )
     try:
-        kind, content = _content(read_yaml(Path(name).read_text(), GraspError))
-        return kind(**content)
+        return _described(read_yaml(Path(name).read_text(), GraspError))
     except (OSError, ValueError) as error:
         raise GraspError(f"{name}: {error}") from error
 
 
-def _content(given: dict[str, Any]) -> tuple[type[Gripper], dict[str, Any]]:
-    """The kind of hand in a file, and what the file says of it, lists as tuples."""
+def _described(given: dict[str, Any]) -> Gripper:
+    """The hand that the content of a file describes."""
     suction = given.pop("kind", "parallel")
     kind = SuctionCup if suction == "suction" else ParallelGripper
     keys = [each.name for each in fields(kind) if each.init]
@@ -72,4 +70,4 @@ def _content(given: dict[str, Any]) -> tuple[type[Gripper], dict[str, Any]]:
             raise GraspError(f"has {key}; it may have {', '.join(keys)}{nearest(key, keys)}")
         if isinstance(value, list):
             given[key] = tuple(value)
-    return kind, given
+    return kind(**given)

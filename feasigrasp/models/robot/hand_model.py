@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import Gripper, ParallelGripper, SuctionCup
 
 #: Thickness of a finger's pad [m]. Source: guessed.
 PAD_THICKNESS = 0.006
@@ -55,62 +54,6 @@ def pad_vtk(gripper: ParallelGripper) -> str:
     return "\n".join(lines) + "\n"
 
 
-# Every shape is compliant hydroelastic: it makes contact patches, not points, so a held object
-# does not creep; one that is not would touch the convex hull of a rigid object, not its surface.
-_LINK = """  <link name="{name}">
-    <inertial>
-      <origin xyz="{center}" rpy="0 0 0" />
-      <mass value="{mass}" />
-      <inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0" />
-    </inertial>
-    <visual name="mesh">
-      <origin xyz="0 0 0" rpy="0 0 0" />
-      <geometry>
-        <mesh filename="{mesh}" />
-      </geometry>
-    </visual>
-{collisions}  </link>
-"""
-_COLLISION = """    <collision name="{name}">
-      <origin xyz="{center}" rpy="0 0 0" />
-      <geometry>
-        <{geometry} />
-      </geometry>
-      <drake:proximity_properties>
-        <drake:compliant_hydroelastic />
-        <drake:hydroelastic_modulus value="{modulus}" />
-{hint}        <drake:hunt_crossley_dissipation value="20" />
-        <drake:mu_static value="{friction}" />
-        <drake:mu_dynamic value="{friction}" />
-      </drake:proximity_properties>
-    </collision>
-"""
-# A prismatic joint whose position is half the gap; the right finger mimics the left, which alone
-# has an actuator.
-_JOINT = """  <joint name="{side}_finger_joint" type="prismatic">
-    <parent link="gripper_body" />
-    <child link="{side}_finger" />
-    <origin xyz="{grasp}" rpy="{turn}" />
-    <axis xyz="{sign} 0 0" />
-    <limit lower="0" upper="{upper}" velocity="{velocity}" effort="{effort}" />
-{mimic}  </joint>
-"""
-_MIMIC = """    <mimic joint="left_finger_joint" multiplier="1" offset="0" />
-"""
-#: Length of the edges of a cylinder's mesh [m]. Source: numerical.
-_HINT = """        <drake:mesh_resolution_hint value="0.006" />
-"""
-#: Angles of G in the flange frame [rad]. Source: layout.
-_TURN = "0 0 1.570796327"
-_ROBOT = """<?xml version="1.0"?>
-<!-- Written by models/iiwa/make_models.py. -->
-<robot xmlns:drake="http://drake.mit.edu" name="gripper">
-{links}{more}  <frame name="grasp_frame" link="gripper_body" xyz="{grasp}" rpy="{turn}" />
-  <drake:collision_filter_group name="group_gripper">
-{members}    <drake:ignored_collision_filter_group name="group_gripper" />
-  </drake:collision_filter_group>
-</robot>
-"""
 _TRANSMISSION = """  <transmission name="left_finger_joint_transmission">
     <type>SimpleTransmission</type>
     <joint name="left_finger_joint" />
@@ -120,8 +63,8 @@ _TRANSMISSION = """  <transmission name="left_finger_joint_transmission">
     </actuator>
   </transmission>
 """
-_MEMBER = """    <drake:member link="{}" />
-"""
+#: Angles of G in the flange frame [rad]. Source: layout.
+_TURN = "0 0 1.570796327"
 
 
 def _number(value: float) -> str:
@@ -137,9 +80,27 @@ def _numbers(values: ArrayLike) -> str:
 def _collision(
     name: str, center: ArrayLike, geometry: str, modulus: float = 1e7, hint: str = ""
 ) -> str:
-    # Static and dynamic friction of pads, fingers and palm. Source: guessed.
-    values = {"center": _numbers(center), "friction": 0.8, "modulus": f"{modulus:.0f}"}
-    return _COLLISION.format(name=name, geometry=geometry, hint=hint, **values)
+    """A compliant hydroelastic shape.
+
+    All are: they make contact patches, not points, so a held object does not creep; one that is not
+    would touch the convex hull of a rigid object, not its surface.
+    """
+    # Static and dynamic, of pads, fingers and palm. Source: guessed.
+    friction = 0.8
+    return f"""    <collision name="{name}">
+      <origin xyz="{_numbers(center)}" rpy="0 0 0" />
+      <geometry>
+        <{geometry} />
+      </geometry>
+      <drake:proximity_properties>
+        <drake:compliant_hydroelastic />
+        <drake:hydroelastic_modulus value="{modulus:.0f}" />
+{hint}        <drake:hunt_crossley_dissipation value="20" />
+        <drake:mu_static value="{friction}" />
+        <drake:mu_dynamic value="{friction}" />
+      </drake:proximity_properties>
+    </collision>
+"""
 
 
 def _box_size(size: ArrayLike) -> str:
@@ -149,9 +110,21 @@ def _box_size(size: ArrayLike) -> str:
 def _link(name: str, mass: float, center: Array, size: Array, mesh: str, collisions: str) -> str:
     """A solid box for its inertia."""
     x, y, z = np.square(size) * mass / 12
-    inertia = {"ixx": _number(y + z), "iyy": _number(z + x), "izz": _number(x + y)}
-    text = {"name": name, "mesh": mesh, "collisions": collisions}
-    return _LINK.format(mass=_number(mass), center=_numbers(center), **inertia, **text)
+    ixx, iyy, izz = map(_number, (y + z, z + x, x + y))
+    return f"""  <link name="{name}">
+    <inertial>
+      <origin xyz="{_numbers(center)}" rpy="0 0 0" />
+      <mass value="{_number(mass)}" />
+      <inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0" />
+    </inertial>
+    <visual name="mesh">
+      <origin xyz="0 0 0" rpy="0 0 0" />
+      <geometry>
+        <mesh filename="{mesh}" />
+      </geometry>
+    </visual>
+{collisions}  </link>
+"""
 
 
 def _finger(side: str, sign: float, gripper: ParallelGripper, mesh: Mesh) -> str:
@@ -166,6 +139,22 @@ def _finger(side: str, sign: float, gripper: ParallelGripper, mesh: Mesh) -> str
     bone = _collision("bone", bone_center, _box_size(bone_size))
     name = f"{side}_finger"
     return _link(name, FINGER_MASS, center, size, mesh(name), pad + bone)
+
+
+def _joint(side: str, sign: float, gripper: ParallelGripper) -> str:
+    """A prismatic joint whose position is half the gap; one motor, on the left, drives both."""
+    mimic, force, speed = "", 2.0 * gripper.grip_force, 0.2  # of a finger [m/s]; guessed
+    if side != "left":
+        mimic, force = '    <mimic joint="left_finger_joint" multiplier="1" offset="0" />\n', 0.0
+    return f"""  <joint name="{side}_finger_joint" type="prismatic">
+    <parent link="gripper_body" />
+    <child link="{side}_finger" />
+    <origin xyz="{_numbers(gripper.X_FG[:3, 3])}" rpy="{_TURN}" />
+    <axis xyz="{_number(sign)} 0 0" />
+    <limit lower="0" upper="{_number(gripper.max_opening / 2)}" velocity="{speed}" \
+effort="{_number(force)}" />
+{mimic}  </joint>
+"""
 
 
 def gripper_urdf(gripper: ParallelGripper, mesh: Mesh = _packaged) -> str:
@@ -183,28 +172,25 @@ def gripper_urdf(gripper: ParallelGripper, mesh: Mesh = _packaged) -> str:
             f"to be more than that of the pad on it, {PAD_THICKNESS} m"
         )
     links = _body(gripper, BODY_MASS, mesh)
-    links += "".join(_finger(side, sign, gripper, mesh) for side, sign in SIDES)
-    grasp, joints = _numbers(gripper.X_FG[:3, 3]), ""
-    for side, sign in SIDES:
-        left = side == "left"  # one motor drives both
-        # Largest velocity of a finger [m/s]. Source: guessed.
-        joints += _JOINT.format(
-            side=side,
-            sign=_number(sign),
-            grasp=grasp,
-            turn=_TURN,
-            upper=_number(gripper.max_opening / 2),
-            velocity=0.2,
-            effort=_number(2.0 * gripper.grip_force if left else 0.0),
-            mimic="" if left else _MIMIC,
-        )
-    members = "".join(map(_MEMBER.format, ("gripper_body", "left_finger", "right_finger")))
-    return _robot(links, gripper, members, joints + _TRANSMISSION)
+    links += "".join(_finger(*side, gripper, mesh) for side in SIDES)
+    joints = "".join(_joint(*side, gripper) for side in SIDES)
+    return _robot(gripper, links + joints + _TRANSMISSION, "left_finger", "right_finger")
 
 
-def _robot(links: str, gripper: Gripper, members: str, more: str = "") -> str:
-    grasp = _numbers(gripper.X_FG[:3, 3])
-    return _ROBOT.format(links=links, more=more, grasp=grasp, turn=_TURN, members=members)
+def _robot(gripper: Gripper, parts: str, *fingers: str) -> str:
+    members = "".join(
+        f'    <drake:member link="{link}" />\n' for link in ("gripper_body", *fingers)
+    )
+    return f"""<?xml version="1.0"?>
+<!-- Written by models/iiwa/make_models.py. -->
+<robot xmlns:drake="http://drake.mit.edu" name="gripper">
+{parts}  <frame name="grasp_frame" link="gripper_body" xyz="{_numbers(gripper.X_FG[:3, 3])}" \
+rpy="{_TURN}" />
+  <drake:collision_filter_group name="group_gripper">
+{members}    <drake:ignored_collision_filter_group name="group_gripper" />
+  </drake:collision_filter_group>
+</robot>
+"""
 
 
 def _body(gripper: Gripper, mass: float, mesh: Mesh, more: str = "") -> str:
@@ -220,13 +206,14 @@ def cup_urdf(cup: SuctionCup, mesh: Mesh) -> str:
     """Text of the URDF of a cup; its lip is so soft that it yields to what it is set down on."""
     # Pressure of the lip where it is pressed in by half its height [Pa]. Source: guessed.
     softness = 1e4
+    # Length of the edges of a cylinder's mesh [m]. Source: numerical.
+    hint = '        <drake:mesh_resolution_hint value="0.006" />\n'
     parts = ""
     for name, radius, low, high in _cup_parts(cup):
         middle = [0.0, 0.0, cup.tool_offset + (low + high) / 2]
         shape = f'cylinder radius="{_number(radius)}" length="{_number(high - low)}"'
-        parts += _collision(name, middle, shape, softness if name == "lip" else 1e7, _HINT)
-    body = _body(cup, BODY_MASS + 2 * FINGER_MASS, mesh, parts)
-    return _robot(body, cup, _MEMBER.format("gripper_body"))
+        parts += _collision(name, middle, shape, softness if name == "lip" else 1e7, hint)
+    return _robot(cup, _body(cup, BODY_MASS + 2 * FINGER_MASS, mesh, parts))
 
 
 def _cup_parts(cup: SuctionCup) -> list[tuple[str, float, float, float]]:
@@ -287,9 +274,7 @@ def _box(size: ArrayLike, middle: ArrayLike) -> trimesh.Trimesh:
 
 
 def _obj(parts: list[trimesh.Trimesh]) -> str:
-    mesh = trimesh.Trimesh()
-    for part in parts:
-        mesh += part
+    mesh = trimesh.util.concatenate(parts)
     mesh.unmerge_vertices()  # so that every corner has the normal of its face
     text: str = trimesh.exchange.obj.export_obj(mesh, header=None, include_normals=True)
     return text

@@ -1,4 +1,4 @@
-"""Errors of a depth camera that stay: scale, bias, patterns on pixels and surfaces, holes.
+"""Errors of a depth camera that stay: scale, bias, patterns, holes, and those of its calibration.
 
 A stereo matcher errs by what it sees. Lens errors that rectification leaves are fixed to the pixel
 (librealsense issue 3210), and what the texture in a window misleads it by to the surface. Both are
@@ -20,18 +20,20 @@ what is behind it; the field repeats, after 43 correlation lengths.
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 
 from feasigrasp.errors import CameraError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Floats, Mask
+from feasigrasp.models.choices import key
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.quantities import POSE, ArrayOf, Count, Positive, Share, Whole
+from feasigrasp.models.quantities import POSE, ArrayOf, Count, NotNegative, Positive, Share, Whole
 from feasigrasp.models.sensors.depth_noise import (
     DepthNoise,
     FixedErrors,
@@ -133,6 +135,40 @@ class CameraErrors:
         )
         error *= math.sqrt(0.5 * self._noise.fixed)
         return FixedErrors(error, holes, self.scale, self.bias)
+
+
+@dataclass(frozen=True)
+class HandEyeError:
+    """Residual error of the hand-eye calibration: a constant pose error in the camera frame.
+
+    Attributes:
+        hand_eye_position: How far off its place is [m].
+        hand_eye_angle_deg: By which angle its orientation is off [deg].
+    """
+
+    hand_eye_position: NotNegative = key(0.0, 0.0, 0.1, "m")
+    hand_eye_angle_deg: NotNegative = key(0.0, 0.0, 30.0, "deg")
+
+    def __post_init__(self) -> None:
+        """Raises CameraError for a size that is negative or not finite."""
+        check_fields(self, CameraError)
+
+    def scaled(self, factor: float) -> Self:
+        """A calibration that errs ``factor`` times as much."""
+        return type(self)(**{name: factor * value for name, value in vars(self).items()})
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """The calibrated pose in the frame of the true camera, X_CB, (4, 4).
+
+        The directions of both errors are drawn; the sizes are what they are.
+        """
+        axes = rng.standard_normal((2, 3))
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        X_CB = np.eye(4)
+        turn = np.deg2rad(self.hand_eye_angle_deg) * axes[0]
+        X_CB[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+        X_CB[:3, 3] = self.hand_eye_position * axes[1]
+        return X_CB
 
 
 def _periodic_field(rng: np.random.Generator) -> Floats:

@@ -29,7 +29,7 @@ from feasigrasp.runs.run import (
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels, guard
 from feasigrasp.systems.hardware.control_loop import ControlLoop
-from feasigrasp.systems.hardware.guarded_cell import GuardedCell, make_guarded_cell
+from feasigrasp.systems.hardware.guard import GuardedCell, make_guarded_cell
 from feasigrasp.systems.hardware.priority import Priority, real_time
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 from feasigrasp.systems.monitoring.run_log import add_run_log, read_run_log

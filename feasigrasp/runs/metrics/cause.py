@@ -1,7 +1,6 @@
 """Failure cause of a run without grasp success."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from enum import StrEnum
 
 import numpy as np
@@ -31,65 +30,37 @@ class Cause(StrEnum):
     NOT_LIFTED = "not_lifted"
 
 
-@dataclass(frozen=True, eq=False)
-class Course:
-    """Data of a run for the classification of failures.
+def cause_of(
+    samples: Mapping[str, Array],
+    truth: ObjectTruth | None = None,
+    pushed_mm: float | None = None,
+    slip: tuple[float, float] = (0.0, 0.0),
+) -> Cause:
+    """Failure cause of a run without grasp success; rules in ``docs/results_schema.md``.
 
-    Attributes:
-        samples: By name, the samples of the run, see `feasigrasp.systems.metrics.SAMPLE_NAMES`.
+    Args:
+        samples: By name, one or more, see `feasigrasp.systems.metrics.SAMPLE_NAMES`; grasps that
+            are not recorded (NaN) count as found.
         truth: What happened to the object; None if not measured.
         pushed_mm: How far it was pushed before the fingers closed [mm]; None likewise.
         slip: Largest displacement [m] and rotation [rad] in the hand since it was let go.
     """
-
-    samples: Mapping[str, Array]
-    truth: ObjectTruth | None = None
-    pushed_mm: float | None = None
-    slip: tuple[float, float] = (0.0, 0.0)
-
-    @property
-    def phase(self) -> Array:
-        """The `Phase` of every sample."""
-        return self.samples["phase"]
-
-    def had(self, grasps: str) -> bool:
-        """Whether there ever were ``grasps``, or they are not recorded (NaN)."""
-        return bool(self.samples[grasps].any())
-
-    @property
-    def touched(self) -> bool:
-        """Whether arm or hand touched the object at the end."""
-        return self.truth is not None and self.truth.touched
-
-    @property
-    def released(self) -> bool:
-        """Whether the object was let go."""
-        return bool(np.any(self.phase > Phase.CLOSE))
-
-
-def _opened_again(run: Course) -> bool:
-    closing = run.phase == Phase.CLOSE
-    return bool(np.any(closing[:-1] & (run.phase[1:] == Phase.APPROACH)))
-
-
-_RULES: dict[Cause, Callable[[Course], bool]] = {
-    Cause.BROKE_OFF: lambda run: run.truth is not None and run.truth.broke_off,
-    # No view ever became a field.
-    Cause.NOTHING_SEEN: lambda run: bool(
-        np.isnan(run.samples["view_age"][-1]) and not run.had("sampled_grasps")
-    ),
-    Cause.NO_GRASP: lambda run: not run.had("sampled_grasps"),
-    Cause.NONE_REACHABLE: lambda run: not run.had("reachable_grasps"),
-    Cause.PUSHED_AWAY: lambda run: not run.released and (run.pushed_mm or 0.0) > PUSHED_AWAY,
-    Cause.NEVER_SETTLED: lambda run: not np.any(run.phase >= Phase.CLOSE),
-    Cause.MISSED: lambda run: not run.released and _opened_again(run),
-    Cause.DROPPED: lambda run: run.released and not run.touched,
-    Cause.OUT_OF_TIME: lambda run: run.phase[-1] != Phase.DONE,
-    Cause.SLIPPED: lambda run: run.slip[0] >= HELD_DISTANCE or run.slip[1] >= HELD_ANGLE,
-    Cause.NOT_LIFTED: lambda run: True,
-}
-
-
-def cause_of(run: Course) -> Cause:
-    """Failure cause of a run without grasp success; rules in ``docs/results_schema.md``."""
-    return next(cause for cause in Cause if _RULES[cause](run))
+    phase = samples["phase"]
+    released = bool(np.any(phase > Phase.CLOSE))
+    opened_again = np.any((phase[:-1] == Phase.CLOSE) & (phase[1:] == Phase.APPROACH))
+    sampled, reachable = (samples[name].any() for name in ("sampled_grasps", "reachable_grasps"))
+    applies = {
+        Cause.BROKE_OFF: truth is not None and truth.broke_off,
+        # No view ever became a field.
+        Cause.NOTHING_SEEN: np.isnan(samples["view_age"][-1]) and not sampled,
+        Cause.NO_GRASP: not sampled,
+        Cause.NONE_REACHABLE: not reachable,
+        Cause.PUSHED_AWAY: not released and (pushed_mm or 0.0) > PUSHED_AWAY,
+        Cause.NEVER_SETTLED: not np.any(phase >= Phase.CLOSE),
+        Cause.MISSED: not released and opened_again,
+        Cause.DROPPED: released and not (truth is not None and truth.touched),
+        Cause.OUT_OF_TIME: phase[-1] != Phase.DONE,
+        Cause.SLIPPED: slip[0] >= HELD_DISTANCE or slip[1] >= HELD_ANGLE,
+        Cause.NOT_LIFTED: True,
+    }
+    return next(cause for cause in Cause if applies[cause])

@@ -1,7 +1,5 @@
 """Violations of velocity and acceleration limits, by the commanded and by the true motion."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from feasigrasp.models.arrays import Array
@@ -14,31 +12,21 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 WINDOW = 0.02
 
 
-@dataclass(frozen=True, eq=False)
-class JointTicks:
-    """Commands and states of the arm at every control tick.
-
-    Attributes:
-        sent: Desired joint positions, which are what a real arm is sent [rad], shape (m, 7).
-        velocity: True joint velocities at the rate of the simulation [rad/s], shape (k, 7).
-        period: Time between ticks [s].
-        step: Time between the true velocities [s].
-        arm: The arm.
-    """
-
-    sent: Array
-    velocity: Array
-    period: float
-    step: float
-    arm: Arm = IIWA_7
-
-
-def limit_metrics(ticks: JointTicks) -> dict[str, float | None]:
+def limit_metrics(
+    sent: Array, velocity: Array, period: float, step: float, arm: Arm = IIWA_7
+) -> dict[str, float | None]:
     """Shares of ticks beyond the limits, and the largest values over their limits [%].
 
     Velocities and accelerations sent are first and second differences of the positions sent, from
     rest on: nothing that says what they should have been is looked at. The true acceleration is
-    that of `true_accelerations`. There has to be a tick.
+    that of `true_accelerations`.
+
+    Args:
+        sent: Desired joint positions, which are what a real arm is sent [rad], shape (m, 7), m > 0.
+        velocity: True joint velocities at the rate of the simulation [rad/s], shape (k, 7).
+        period: Time between ticks [s].
+        step: Time between the true velocities [s].
+        arm: The arm.
 
     Returns:
         ``velocity_limit_violation_percent`` (of ticks by what was sent, or of simulated steps by
@@ -48,16 +36,14 @@ def limit_metrics(ticks: JointTicks) -> dict[str, float | None]:
         sent) and ``true_acceleration_peak_percent``; those of the true acceleration are None for a
         run shorter than `WINDOW`.
     """
-    v_limits, a_limits = ticks.arm.velocity_limits, ticks.arm.acceleration_limits
-    speed = np.abs(ticks.velocity) / v_limits
-    velocity = np.diff(ticks.sent, axis=0, prepend=ticks.sent[:1]) / ticks.period
-    change = np.diff(velocity, axis=0, prepend=0.0) / ticks.period
-    acceleration = np.abs(change) / a_limits
-    true = np.abs(true_accelerations(ticks.velocity, ticks.step)) / a_limits
+    speed = np.abs(velocity) / arm.velocity_limits
+    sent_velocity = np.diff(sent, axis=0, prepend=sent[:1]) / period
+    sent_speed = np.abs(sent_velocity) / arm.velocity_limits
+    change = np.diff(sent_velocity, axis=0, prepend=0.0) / period
+    acceleration = np.abs(change) / arm.acceleration_limits
+    true = np.abs(true_accelerations(velocity, step)) / arm.acceleration_limits
     return {
-        "velocity_limit_violation_percent": max(
-            share_beyond(speed), share_beyond(np.abs(velocity) / v_limits)
-        ),
+        "velocity_limit_violation_percent": max(share_beyond(speed), share_beyond(sent_speed)),
         "acceleration_limit_violation_percent": share_beyond(acceleration),
         "true_acceleration_violation_percent": share_beyond(true) if len(true) else None,
         "velocity_peak_percent": 100.0 * float(speed.max()),

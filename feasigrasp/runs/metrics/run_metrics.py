@@ -1,13 +1,14 @@
 """Aggregates the samples of a run into its metrics."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.sequence import Phase
-from feasigrasp.runs.metrics.cause import Cause, Course, cause_of
+from feasigrasp.runs.metrics.cause import Cause, cause_of
 from feasigrasp.runs.metrics.handling import (
     ObjectTruth,
     closing_speed,
@@ -15,7 +16,6 @@ from feasigrasp.runs.metrics.handling import (
     displacement_metrics,
     hold_metrics,
 )
-from feasigrasp.runs.metrics.motion_limits import JointTicks, limit_metrics
 from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD
 
@@ -91,7 +91,7 @@ def summarize(
     *,
     closes: bool,
     lift: float = 0.0,
-    ticks: JointTicks | None = None,
+    limits: Mapping[str, float | None] | None = None,
     obstacle_distance: Array | None = None,
     truth: ObjectTruth | None = None,
 ) -> dict[str, Value]:
@@ -101,14 +101,14 @@ def summarize(
         samples: One row per entry of `SAMPLE_NAMES`, one column per sample, shape (s, n).
         closes: Whether the scenario closes the gripper; if not, ``grasp_held`` is None.
         lift: Commanded rise of an object that is held [m]; 0 if there is none.
-        ticks: Joint positions at the control rate; without them, speeds are those of the samples
-            and there is nothing to say about accelerations.
+        limits: Of `limit_metrics`; without them, speeds are those of the samples and there is
+            nothing to say about accelerations.
         obstacle_distance: Distance of the arm to its surroundings at some times [m], shape (k,).
         truth: What happened to the object; without it, nothing pushed and nothing touched it.
 
     Returns:
-        A figure for each of `METRICS`; None where it does not apply, and for what samples and ticks
-        do not show: self-collision, torques, tick times, friction, faults of views.
+        A figure for each of `METRICS`; None where it does not apply, and for what they do not
+        show: self-collision, torques, tick times, friction, faults of views.
     """
     result: dict[str, Value] = dict.fromkeys(METRICS)
     if samples.shape[1] == 0:
@@ -138,8 +138,7 @@ def summarize(
         result |= tracking_metrics(
             x["grasp_position_error"], x["grasp_angle_error"], X_OH, approach, SAMPLE_PERIOD
         )
-    if ticks is not None and len(ticks.sent):
-        result |= limit_metrics(ticks)
+    result |= limits or {}
     if obstacle_distance is not None and len(obstacle_distance):
         nearest = float(np.min(obstacle_distance))
         result["obstacle_distance_min_mm"] = 1e3 * nearest if math.isfinite(nearest) else None
@@ -159,7 +158,7 @@ def summarize(
         result |= hold
         if not hold["grasp_held"] or (truth is not None and truth.broke_off):
             slip = 1e-3 * (hold["slip_mm"] or 0.0), math.radians(hold["turn_deg"] or 0.0)
-            result |= not_held(cause_of(Course(x, truth, displaced.get("pushed_mm"), slip)))
+            result |= not_held(cause_of(x, truth, displaced.get("pushed_mm"), slip))
     for axis, value in zip("xyz", p_WO[-1], strict=True):
         result[f"object_end_{axis}_m"] = float(value)
     return result

@@ -231,24 +231,3 @@ METRICS: dict[str, Metric] = {
         "in processor time"),
 }
 # fmt: on
-
-#: Rows of summaries that are of no metric.
-_OTHERS = (
-    Figure("failed_percent", Over.SHARE, "runs with an error"),
-    Figure("real_time_factor", Over.MEAN, "simulated by wall time", "1", digits=2),
-    Figure("held_change_percent", Over.MEAN, "change of grasp success"),
-    Figure("held_after_change_s", Over.MEAN, "change of time to release", "s"),
-)
-
-
-def _figures() -> dict[str, Figure]:
-    figures = list(_OTHERS)
-    for name, metric in METRICS.items():
-        if metric.averaged:
-            figures.append(Figure(name, Over.MEAN, metric.term, metric.unit, digits=metric.digits))
-        figures += metric.rows
-    return {figure.name: figure for figure in figures}
-
-
-#: Every row of the summary of many runs, by name.
-FIGURES: dict[str, Figure] = _figures()

@@ -215,17 +215,14 @@ class ControlLoop:
     def _advance(self, utime: int) -> None:
         """Lets the pipeline do what is due at a status."""
         # Whole periods: the driver's jitter is none of the control's.
-        periods = round(1e-6 * (utime - self.intake.zero) / self._period)
-        if periods * self._period > self.simulator.get_context().get_time():
-            self._take(periods * self._period)
-            self.simulator.AdvanceTo(periods * self._period)
-            self.simulator.AdvancePendingEvents()
-
-    def _take(self, now: float) -> None:
-        """Takes over what perception's processes have found; waits for none of them."""
+        now = round(1e-6 * (utime - self.intake.zero) / self._period) * self._period
         context = self.simulator.get_mutable_context()
-        for stage in self._remote:
-            self.image_to_grasps += stage.take(stage.GetMyMutableContextFromRoot(context), now)
+        if now > context.get_time():
+            # What perception's processes have found; none of them is waited for.
+            for stage in self._remote:
+                self.image_to_grasps += stage.take(stage.GetMyMutableContextFromRoot(context), now)
+            self.simulator.AdvanceTo(now)
+            self.simulator.AdvancePendingEvents()
 
     def _wait(self, timeout: float) -> int:
         """Time stamp of the next status [us], as soon as there is one."""

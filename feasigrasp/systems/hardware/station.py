@@ -33,8 +33,7 @@ from feasigrasp.systems.from_scenario import station_config
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.channels import add_publisher, add_subscriber
 from feasigrasp.systems.hardware.measurements import ObjectPoseReceiver, RgbdReceiver
-from feasigrasp.systems.ports import add_connected
-from feasigrasp.systems.station.arm_ports import ArmPorts
+from feasigrasp.systems.ports import ArmPorts, add_connected
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_models import add_cell
 from feasigrasp.systems.station.exposures import CameraPose, PositionAt

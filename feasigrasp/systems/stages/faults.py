@@ -24,8 +24,7 @@ from feasigrasp.models.faults.fault import (
 from feasigrasp.models.faults.images import CloudFault, DepthFault, MaskFault, View
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.controller_inputs import ControllerInputs
-from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
 from feasigrasp.systems.ports import (
     PeriodicState,
     add_connected,

@@ -19,13 +19,13 @@ from feasigrasp.systems.from_scenario import (
     make_grasp_sampler,
     make_object_pixels,
     make_part,
+    make_reachability,
     make_scene,
 )
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
 from feasigrasp.systems.ports import add_connected, declare_output
 from feasigrasp.systems.remote.remote_stage import RemoteStage
 from feasigrasp.systems.remote.served import inputs_of, outputs_of
-from feasigrasp.systems.stages.controllers import make_reachability
 from feasigrasp.systems.wiring import CAMERA
 
 #: After this time a tracked pose is there, where the cell is simulated [s]. Source: guessed.

@@ -22,9 +22,8 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import tool_pose
-from feasigrasp.models.sensors.camera_errors import MATERIALS, CameraErrors
+from feasigrasp.models.sensors.camera_errors import MATERIALS, CameraErrors, HandEyeError
 from feasigrasp.models.sensors.depth_noise import DepthNoise
-from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.systems.ports import add_connected, declare_input, declare_output, scalar
 from feasigrasp.systems.station.exposures import CameraPose, FirstImage
 
@@ -99,14 +98,6 @@ class NoisyDepth(LeafSystem):
         return noisy
 
 
-class MeasuredArm(NamedTuple):
-    """The arm that a camera is on: port of its true positions, zeros of its encoders, data."""
-
-    position: OutputPort
-    zero: Array
-    arm: Arm
-
-
 class CalibratedPose(LeafSystem):
     """Converts the true pose of a camera to its calibrated pose.
 
@@ -141,30 +132,30 @@ class CalibratedPose(LeafSystem):
         return measured @ flange.inverse() @ X_WB
 
 
-class SeenObject(NamedTuple):
-    """The object as cameras see it: label of its pixels, material, and port of its pose X_WO."""
-
-    label: int
-    material: str
-    pose: OutputPort
-
-
 class Scene(NamedTuple):
     """The scene that cameras of one schedule render.
 
     Attributes:
         graph: What they see.
         plant: Whose frames they are mounted on.
-        seen: The object in it.
-        arm: The arm in it, which they may be on.
+        object_label: Of the object's pixels.
+        material: Of the object.
+        object_pose: Port of its pose X_WO.
+        arm: The arm, which they may be on.
+        position: Port of its true joint positions (V7) [rad].
+        zero: What its encoders measure at zero, shape (7,) [rad].
         stamp: When it was so (V1) [s]; None for the present scene.
         measured: What was measured then, by the name of the camera's port.
     """
 
     graph: SceneGraph
     plant: MultibodyPlant
-    seen: SeenObject
-    arm: MeasuredArm
+    object_label: int
+    material: str
+    object_pose: OutputPort
+    arm: Arm
+    position: OutputPort
+    zero: Array
     stamp: OutputPort | None = None
     measured: dict[str, OutputPort] = {}
 
@@ -195,7 +186,7 @@ def export_camera(
         hand_eye: Error of its calibration; None for none.
         seed: Seed of those errors.
     """
-    name, stamp, arm = config.name, scene.stamp, scene.arm
+    name, stamp = config.name, scene.stamp
     # The scene graph is late already, if images are to be.
     config.output_delay = config.capture_offset = 0.0
     # An LCM sink that goes nowhere: images are rendered only when somebody reads them.
@@ -213,27 +204,27 @@ def export_camera(
             seed,
             near=config.z_near,
             far=config.z_far,
-            object_label=scene.seen.label,
-            material=scene.seen.material,
+            object_label=scene.object_label,
+            material=scene.material,
         )
         true = {"depth_image": depth, "label_image": labels, "camera_pose": true_pose}
-        true["object_pose"] = scene.seen.pose
+        true["object_pose"] = scene.object_pose
         if stamp is not None:
             true["stamp"] = stamp
         depth = add_connected(builder, f"{name}_noise", errors, **true).get_output_port()
     X_CB = calibration_error(hand_eye or HandEyeError(), seed)
 
     def calibrated(what: str, pose: OutputPort, joints: OutputPort) -> OutputPort:
-        system = CalibratedPose(X_CB, arm.zero, arm.arm)
+        system = CalibratedPose(X_CB, scene.zero, scene.arm)
         ports = (pose, joints) if is_on_arm(config) else (pose,)
         return add_connected(builder, f"{name}_{what}", system, *ports).get_output_port()
 
-    pose = calibrated("calibrated_pose", true_pose, arm.position)
+    pose = calibrated("calibrated_pose", true_pose, scene.position)
     points = DepthImageToPointCloud(info, PixelType.kDepth32F)
     add_connected(builder, f"{name}_point_cloud", points, depth_image=depth, camera_pose=pose)
     ports = dict(scene.measured)
     if stamp is not None:
-        now = CameraPose(scene.plant, name, config, arm.arm)
+        now = CameraPose(scene.plant, name, config, scene.arm)
         add_connected(builder, f"{name}_true_pose_now", now, position)
         ports["pose_now"] = calibrated("pose_now", now.get_output_port(), position)
         ports["stamp"] = stamp

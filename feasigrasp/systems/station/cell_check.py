@@ -1,7 +1,5 @@
 """Checks that a robot cell matches the kinematics, limits and hand of the package."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
@@ -12,8 +10,10 @@ from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.arm import Arm
+from feasigrasp.models.robot.capsules import link_poses
 from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import tool_pose
 
 #: A frame that is off by less is the same; rounded angles of a model file are [m], [rad]. Source:
 #: guessed.
@@ -41,10 +41,13 @@ def check_cell(
     q = np.clip(q, arm.lower, arm.upper)
     _check_joint_names(plant, instance, arm)
     plant.SetPositions(context, instance, q)
-    for name, X_WL in _expected_links(q, arm):
+    X_WF = tool_pose(q, None, arm)
+    links = map(se3.make_pose, *link_poses(arm.chain, q))
+    for name, X_WL in zip(arm.link_names, links, strict=True):
         _compare(plant.GetFrameByName(name, instance), context, X_WL, _LINK_MEND)
+    _compare(plant.GetFrameByName(f"{arm.name}_flange", instance), context, X_WF, _LINK_MEND)
     _check_limits(plant, instance, arm)
-    X_WG = X_WL @ gripper.X_FG
+    X_WG = X_WF @ gripper.X_FG
     _check_hand(plant, context, X_WG if hand_error is None else X_WG @ hand_error, gripper)
 
 
@@ -80,17 +83,6 @@ def _check_joint_names(plant: MultibodyPlant, instance: ModelInstanceIndex, arm:
             f"the joints of {arm.name} are {', '.join(moving)}; expected are "
             f"{', '.join(arm.joint_names)}, in this order; {_LINK_MEND}"
         )
-
-
-def _expected_links(q: Array, arm: Arm) -> Iterator[tuple[str, Array]]:
-    """Names and poses in the world of all links, the flange last."""
-    X_WL = np.eye(4)
-    yield arm.link_names[0], X_WL
-    steps = np.diff(arm.points, axis=0, prepend=np.zeros((1, 3)))
-    for name, step, axis, angle in zip(arm.link_names[1:], steps, arm.axes, q, strict=True):
-        X_WL = X_WL @ se3.make_pose(se3.so3_exp(angle * axis), step)
-        yield name, X_WL
-    yield f"{arm.name}_flange", X_WL @ arm.X_LF
 
 
 def _compare(frame: Frame, context: Context, X_WE: Array, mend: str) -> None:

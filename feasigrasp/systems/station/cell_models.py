@@ -32,8 +32,8 @@ from feasigrasp.models.robot.arm import Arm
 from feasigrasp.models.robot.gripper import Gripper, ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.segmentation.modeled_bodies import Boxes
+from feasigrasp.models.sensors.camera_errors import HandEyeError
 from feasigrasp.models.sensors.depth_noise import DepthNoise
-from feasigrasp.models.sensors.hand_eye import HandEyeError
 from feasigrasp.models.sensors.joint_errors import JointErrors
 from feasigrasp.resources import model_path
 from feasigrasp.scenario.cell import CarrierConfig

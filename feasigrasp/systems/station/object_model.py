@@ -147,31 +147,6 @@ def _surfaces(plant: MultibodyPlant, instance: ModelInstanceIndex) -> list[Geome
     return [g for body in bodies for g in plant.GetCollisionGeometriesForBody(body)]
 
 
-_URDF = """<?xml version="1.0"?>
-<robot name="{model_name}" xmlns:drake="http://drake.mit.edu">
-  <link name="object">
-    <inertial>
-      <mass value="{mass!r}"/>
-      <inertia ixx="{I[0][0]!r}" iyy="{I[1][1]!r}" izz="{I[2][2]!r}"
-               ixy="{I[0][1]!r}" ixz="{I[0][2]!r}" iyz="{I[1][2]!r}"/>
-    </inertial>
-    <visual>
-      <geometry><mesh filename="{mesh}"/></geometry>
-      <material name="{model_name}_color"><color rgba="{rgba}"/></material>
-    </visual>
-    <collision name="surface">
-      <geometry><mesh filename="{collision_mesh}"/></geometry>
-      <drake:proximity_properties>
-        <drake:rigid_hydroelastic/>
-        <drake:mu_static value="{friction!r}"/>
-        <drake:mu_dynamic value="{friction!r}"/>
-      </drake:proximity_properties>
-    </collision>
-  </link>
-</robot>
-"""
-
-
 def add_object(
     plant: MultibodyPlant,
     obj: RigidObject,
@@ -206,17 +181,30 @@ def add_object(
     # simulate.
     write_mesh(obj, directory / collision_mesh, tolerance=0.0005)
     urdf = directory / f"{model_name}.urdf"
-    urdf.write_text(
-        _URDF.format(
-            model_name=model_name,
-            mass=float(obj.mass),
-            I=obj.inertia.tolist(),
-            mesh=mesh,
-            collision_mesh=collision_mesh,
-            rgba=" ".join(f"{c:g}" for c in obj.color),
-            friction=float(friction),
-        )
-    )
+    J, rgba = obj.inertia.tolist(), " ".join(f"{c:g}" for c in obj.color)
+    urdf.write_text(f"""<?xml version="1.0"?>
+<robot name="{model_name}" xmlns:drake="http://drake.mit.edu">
+  <link name="object">
+    <inertial>
+      <mass value="{float(obj.mass)!r}"/>
+      <inertia ixx="{J[0][0]!r}" iyy="{J[1][1]!r}" izz="{J[2][2]!r}"
+               ixy="{J[0][1]!r}" ixz="{J[0][2]!r}" iyz="{J[1][2]!r}"/>
+    </inertial>
+    <visual>
+      <geometry><mesh filename="{mesh}"/></geometry>
+      <material name="{model_name}_color"><color rgba="{rgba}"/></material>
+    </visual>
+    <collision name="surface">
+      <geometry><mesh filename="{collision_mesh}"/></geometry>
+      <drake:proximity_properties>
+        <drake:rigid_hydroelastic/>
+        <drake:mu_static value="{float(friction)!r}"/>
+        <drake:mu_dynamic value="{float(friction)!r}"/>
+      </drake:proximity_properties>
+    </collision>
+  </link>
+</robot>
+""")
     parser = Parser(plant)
     parser.SetAutoRenaming(True)
     (instance,) = parser.AddModels(urdf)

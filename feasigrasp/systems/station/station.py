@@ -7,7 +7,6 @@ from collections.abc import Iterable
 import numpy as np
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
@@ -16,15 +15,14 @@ from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import checked
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.objects.spring_drive import body_pose_kernel
-from feasigrasp.models.robot.gripper import Gripper
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import Gripper, SuctionCup
 from feasigrasp.models.sensors.joint_errors import DrawnJointErrors
-from feasigrasp.systems.ports import add_connected, declare_output
-from feasigrasp.systems.station.arm_ports import ArmPorts
-from feasigrasp.systems.station.camera import MeasuredArm, Scene, SeenObject, export_camera
+from feasigrasp.systems.ports import ArmPorts, add_connected, declare_pose_and_velocity
+from feasigrasp.systems.station.camera import Scene, export_camera
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
 from feasigrasp.systems.station.exposures import Timing, add_exposures
 from feasigrasp.systems.station.joints import FingerDrive, JointSensors
@@ -34,8 +32,7 @@ from feasigrasp.systems.station.object_model import (
     contact_friction,
     set_friction,
 )
-from feasigrasp.systems.station.object_servo import ObjectServo
-from feasigrasp.systems.station.suction_seal import SuctionSeal
+from feasigrasp.systems.station.object_servo import ObjectServo, SuctionSeal
 
 
 class _BodyState(LeafSystem):
@@ -44,14 +41,11 @@ class _BodyState(LeafSystem):
     def __init__(self) -> None:
         super().__init__()
         self._state = self.DeclareVectorInputPort("state", 13)
-        declare_output(self, "pose", self._calc_pose, model=RigidTransform())
-        declare_output(self, "velocity", self._calc_velocity, model=SpatialVelocity.Zero())
+        declare_pose_and_velocity(self, self._calc, {self._state})
 
-    def _calc_pose(self, context: Context) -> RigidTransform:
-        return RigidTransform(body_pose_kernel(self._state.Eval(context)))
-
-    def _calc_velocity(self, context: Context) -> SpatialVelocity:
-        return SpatialVelocity(self._state.Eval(context)[7:13])
+    def _calc(self, context: Context) -> tuple[Array, Array]:
+        state = self._state.Eval(context)
+        return body_pose_kernel(state), state[7:13]
 
 
 class Station(ArmPorts):
@@ -109,9 +103,8 @@ class Station(ArmPorts):
         object_pose = self._export_object(builder, motion, config)
         self._show_distractor_bodies(builder, config, self.scene_graph, "distractor_bodies")
         if config.cameras:
-            seen = SeenObject(self.object_label, obj.material, object_pose)
-            arm = MeasuredArm(position, joints.zero, config.arm)
-            present = Scene(self.scene_graph, plant, seen, arm)
+            seen = self.object_label, obj.material, object_pose
+            present = Scene(self.scene_graph, plant, *seen, self.arm, position, joints.zero)
             self._export_cameras(builder, config, obj, present)
         builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
@@ -203,8 +196,9 @@ class Station(ArmPorts):
         plant = self.plant
         state = plant.get_state_output_port(self.object_instance)
         body_state = add_connected(builder, "object_state", _BodyState(), state)
-        builder.ExportOutput(body_state.GetOutputPort("pose"), "object.pose")
-        builder.ExportOutput(body_state.GetOutputPort("velocity"), "object.velocity")
+        pose = body_state.GetOutputPort("object_pose")
+        builder.ExportOutput(pose, "object.pose")
+        builder.ExportOutput(body_state.GetOutputPort("object_velocity"), "object.velocity")
         index = self.object_body.index()
         servo = ObjectServo(plant, index, motion, config.carrier, pulls=config.pulls)
         add_connected(builder, "object_servo", servo, state=state)
@@ -222,7 +216,7 @@ class Station(ArmPorts):
         builder.Connect(force, plant.get_applied_spatial_force_input_port())
         builder.ExportInput(servo.GetInputPort("hold"), "object.hold")
         builder.ExportOutput(servo.GetOutputPort("let_go"), "object.let_go")
-        return body_state.GetOutputPort("pose")
+        return pose
 
     def _show_distractor_bodies(
         self,
@@ -267,7 +261,7 @@ class Station(ArmPorts):
             camera = copy.deepcopy(camera)  # the caller's stays as it is
             camera.name = name
             export_camera(
-                *(builder, camera, scenes[timing], present.arm.position),
+                *(builder, camera, scenes[timing], present.position),
                 noise=config.camera_noise.get(name),
                 hand_eye=config.hand_eye.get(name),
                 seed=config.noise_seed + 2**32 * index,  # cameras err differently
@@ -289,10 +283,8 @@ class Station(ArmPorts):
         self._add_models(plant, config, obj)
         plant.Finalize()
         self._camera_plants.append(plant)
-        state, scene = (
-            self.plant.get_state_output_port(),
-            present._replace(graph=graph, plant=plant),
-        )
+        state = self.plant.get_state_output_port()
+        scene = present._replace(graph=graph, plant=plant)
         if timing is not None:
             zero = np.zeros(config.arm.joints)
             context = plant.CreateDefaultContext()
@@ -305,14 +297,14 @@ class Station(ArmPorts):
                 timing,
                 (state, start),
                 (object_state, plant.GetPositionsAndVelocities(context, self.object_instance)),
-                (present.arm.position, zero),
+                (present.position, zero),
                 (sensors.GetOutputPort("position_measured"), zero),
                 (fingers.get_output_port(0), np.zeros(2)),
             )
             pose = add_connected(builder, f"exposed_object{number}", _BodyState(), body)
             scene = scene._replace(
-                seen=present.seen._replace(pose=pose.GetOutputPort("pose")),
-                arm=present.arm._replace(position=q),
+                object_pose=pose.GetOutputPort("object_pose"),
+                position=q,
                 stamp=stamp,
                 measured={"position": position, "gripper_state": gripper_state},
             )

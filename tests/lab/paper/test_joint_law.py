@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.control.horizon.distance_field import NOISE_VARIANCE
+from feasigrasp.models.control.horizon.distance import NOISE_VARIANCE
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.continuation import flange_pose_kernel, solve_kernel

@@ -18,7 +18,7 @@ from feasigrasp.models.grasps.suction import (
     strain,
 )
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import SuctionCup
 from feasigrasp.models.shape.gpdf import fit_gpdf
 
 CUP = SuctionCup()

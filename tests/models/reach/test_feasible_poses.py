@@ -21,8 +21,7 @@ from feasigrasp.models.reach import (
     feasible_grasps,
     feasible_poses,
 )
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import ParallelGripper, SuctionCup
 from feasigrasp.models.shape.gpdf import fit_gpdf
 from feasigrasp.runs.results.grasps_file import read_grasps, write_grasps
 

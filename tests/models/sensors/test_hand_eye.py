@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import CameraError
-from feasigrasp.models.sensors.hand_eye import HandEyeError
+from feasigrasp.models.sensors.camera_errors import HandEyeError
 
 
 def test_the_error_has_the_given_size_and_any_direction():

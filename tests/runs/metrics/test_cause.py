@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.grasps.sequence import Phase
-from feasigrasp.runs.metrics.cause import PUSHED_AWAY, Cause, Course, cause_of
+from feasigrasp.runs.metrics.cause import PUSHED_AWAY, Cause, cause_of
 from feasigrasp.runs.metrics.handling import ObjectTruth
 
 A, C, L, S, H, D = (int(phase) for phase in Phase)
@@ -18,7 +18,7 @@ def course(phase=WHOLE, *, pushed=0.0, touched=True, broke_off=False, slip=(0.02
     usual = {"phase": phase, "sampled_grasps": 60.0, "reachable_grasps": 20.0, "view_age": 0.3}
     samples = {k: np.broadcast_to(v, n).astype(float) for k, v in (usual | columns).items()}
     truth = ObjectTruth(np.tile(np.eye(4), (n, 1, 1)), np.zeros(4), np.inf, touched, broke_off)
-    return Course(samples, truth, pushed, slip)
+    return samples, truth, pushed, slip
 
 
 NONE_LATER = {"sampled_grasps": 0.0, "reachable_grasps": 0.0}
@@ -56,7 +56,7 @@ NONE_LATER = {"sampled_grasps": 0.0, "reachable_grasps": 0.0}
     ],
 )
 def test_each_rule(run, cause):
-    assert cause_of(run) is cause
+    assert cause_of(*run) is cause
 
 
 def test_every_cause_has_a_run_above_and_a_line_in_the_docs(repository):
@@ -79,9 +79,10 @@ def test_every_cause_has_a_run_above_and_a_line_in_the_docs(repository):
 def test_where_nobody_knows_of_grasps_none_is_blamed(run, cause):
     """Behind the drivers' messages, where the controller is another process."""
     nobody = dict.fromkeys(("sampled_grasps", "reachable_grasps", "view_age"), np.full(8, np.nan))
-    assert cause_of(Course(dict(run.samples) | nobody, run.truth, slip=run.slip)) is cause
+    samples, truth, _, slip = run
+    assert cause_of(samples | nobody, truth, slip=slip) is cause
 
 
 def test_without_the_truth_the_samples_decide():
-    assert cause_of(Course(course(APPROACH).samples)) is Cause.NEVER_SETTLED
-    assert cause_of(Course(course().samples)) is Cause.DROPPED
+    assert cause_of(course(APPROACH)[0]) is Cause.NEVER_SETTLED
+    assert cause_of(course()[0]) is Cause.DROPPED

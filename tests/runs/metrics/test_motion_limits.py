@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.runs.metrics.motion_limits import WINDOW, JointTicks, limit_metrics
+from feasigrasp.runs.metrics.motion_limits import WINDOW, limit_metrics
 
 PERIOD = 0.005
 V, A = IIWA_7.velocity_limits, IIWA_7.acceleration_limits
@@ -13,12 +13,12 @@ TIME = np.arange(400)[:, None] * PERIOD
 
 def sent(position):
     """Figures of positions (m, 7) that are sent to an arm at rest."""
-    return limit_metrics(JointTicks(position, np.zeros_like(position), PERIOD, PERIOD))
+    return limit_metrics(position, np.zeros_like(position), PERIOD, PERIOD)
 
 
 def moved(velocity):
     """Figures of a true motion of an arm that is sent nothing."""
-    return limit_metrics(JointTicks(np.zeros_like(velocity), velocity, PERIOD, PERIOD))
+    return limit_metrics(np.zeros_like(velocity), velocity, PERIOD, PERIOD)
 
 
 def ramp(*shares):
@@ -82,7 +82,7 @@ def test_too_fast_is_too_fast_as_sent_or_in_truth(which):
     velocity = np.zeros((400, 7))
     velocity[100:300, 0] = -1.01 * V[0]
     ticks[which] = velocity if which == "velocity" else np.cumsum(PERIOD * velocity, axis=0)
-    found = limit_metrics(JointTicks(**ticks, period=PERIOD, step=PERIOD))
+    found = limit_metrics(**ticks, period=PERIOD, step=PERIOD)
     assert found["velocity_limit_violation_percent"] == 50.0
     expected = 101.0 if which == "velocity" else 0.0
     assert found["velocity_peak_percent"] == pytest.approx(expected)

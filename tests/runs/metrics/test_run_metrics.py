@@ -9,7 +9,7 @@ from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.runs.metrics.handling import ObjectTruth
-from feasigrasp.runs.metrics.motion_limits import JointTicks
+from feasigrasp.runs.metrics.motion_limits import limit_metrics
 from feasigrasp.runs.metrics.run_metrics import summarize
 from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.systems.metrics import SAMPLE_NAMES, Metrics
@@ -133,7 +133,7 @@ def test_what_is_not_given_is_not_told():
     result = summarize(
         samples(3),
         closes=False,
-        ticks=JointTicks(0.005 * np.cumsum(velocity, axis=0), velocity, 0.005, 0.005),
+        limits=limit_metrics(0.005 * np.cumsum(velocity, axis=0), velocity, 0.005, 0.005),
         obstacle_distance=np.array([0.3, 0.02, 0.1]),
     )
     assert result["velocity_limit_violation_percent"] == pytest.approx(100.0 / 3.0)

@@ -12,7 +12,7 @@ from feasigrasp.errors import HardwareError
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.robot.gripper_file import WSG_50
 from feasigrasp.systems.hardware import channels, guard
-from feasigrasp.systems.hardware.guarded_cell import GuardedCell
+from feasigrasp.systems.hardware.guard import GuardedCell
 from tests.driver_rig import PERIODS, START, Rig, cases
 
 

@@ -13,7 +13,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
-from feasigrasp.systems.hardware.guarded_cell import make_guarded_cell
+from feasigrasp.systems.hardware.guard import make_guarded_cell
 from tests.truths import min_distance, table_distances
 
 T = 0.005

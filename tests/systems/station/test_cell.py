@@ -11,16 +11,14 @@ from feasigrasp.models.segmentation.modeled_bodies import Kind
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.from_scenario import (
+    make_controller,
     make_foreground_segmentation,
+    make_reachability,
     make_static_grid,
     make_station,
     station_config,
 )
 from feasigrasp.systems.grasp_controller import GraspController
-from feasigrasp.systems.stages.controllers import (
-    make_controller,
-    make_reachability,
-)
 from feasigrasp.systems.station.cell_models import cell_boxes
 from feasigrasp.systems.station.directives import cell_directives
 from tests.pipeline import FILE

@@ -102,7 +102,7 @@ def test_a_file_changes_what_it_says(tmp_path):
     ("text", "message"),
     [
         ("max_openning: 0.1", "max_openning.*do you mean max_opening"),
-        ("max_opening: 110", "max_opening = 110.* between 0 and 1 m"),
+        ("max_opening: 110", "max_opening = 110.* above 0 of at most 1 m"),
         ("max_opening: wide", "hand.yaml: .*max_opening is 'wide'; give a finite number"),
         ("palm_size: [0.1, 0.1]", "palm_size is .*; give 3 entries"),
         ("just words", "hand.yaml: not a mapping; give keys"),

@@ -17,15 +17,14 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.geometry.se3 import make_pose, so3_exp
 from feasigrasp.models.objects.rigid_object import RigidObject
-from feasigrasp.models.robot.suction_cup import SuctionCup
+from feasigrasp.models.robot.gripper import SuctionCup
 from feasigrasp.runs.run import run
 from feasigrasp.systems.hardware.station import HardwareStation
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.directives import hand_urdf
 from feasigrasp.systems.station.object_model import add_object
-from feasigrasp.systems.station.object_servo import force_on
-from feasigrasp.systems.station.suction_seal import SuctionSeal
+from feasigrasp.systems.station.object_servo import SuctionSeal, force_on
 from tests.held import seeded
 
 CUP, STEP, G = SuctionCup(), 0.0025, 9.81

@@ -15,9 +15,9 @@ from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.object_tracker import ObjectTracker
+from feasigrasp.systems.point_cloud_to_gpdf import KeyframesToGPDF
 from feasigrasp.systems.ports import evaluate
 from feasigrasp.systems.tracking.field_tracker import FieldTracker
-from feasigrasp.systems.tracking.keyframes_to_gpdf import KeyframesToGPDF
 from feasigrasp_lab.training.data.raycasting import Raycaster
 from tests.object_views import CAMERA, camera_at, look
 

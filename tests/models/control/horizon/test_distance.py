@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.horizon.distance import distance_kernel
-from feasigrasp.models.control.horizon.distance_field import (
+from feasigrasp.models.control.horizon.distance import (
     NOISE_VARIANCE,
+    distance_kernel,
     distances_kernel,
     evaluate_kernel,
     fit_kernel,

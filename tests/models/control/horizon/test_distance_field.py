@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from feasigrasp.models.control.horizon.distance_field import (
+from feasigrasp.models.control.horizon.distance import (
     NOISE_VARIANCE,
     distances_kernel,
     evaluate_kernel,

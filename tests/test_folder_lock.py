@@ -5,12 +5,12 @@ import subprocess
 import sys
 import time
 
-from feasigrasp.runs.results.folder_lock import LOCK, only_one_in
+from feasigrasp.outputs import LOCK, only_one_in
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from feasigrasp.runs.results.folder_lock import only_one_in
+from feasigrasp.outputs import only_one_in
 with only_one_in(Path(sys.argv[1])):
     print("in", flush=True)
     time.sleep(float(sys.argv[2]))
