@@ -274,7 +274,7 @@ def _box(size: ArrayLike, middle: ArrayLike) -> trimesh.Trimesh:
 
 
 def _obj(parts: list[trimesh.Trimesh]) -> str:
-    mesh = trimesh.util.concatenate(parts)
+    mesh = sum(parts, trimesh.Trimesh())
     mesh.unmerge_vertices()  # so that every corner has the normal of its face
     text: str = trimesh.exchange.obj.export_obj(mesh, header=None, include_normals=True)
     return text
