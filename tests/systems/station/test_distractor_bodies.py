@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from feasigrasp.models.objects.distractor_bodies import Carrier, CarrierKind
+from feasigrasp.models.objects.distractor_bodies import CarrierKind, make_carrier
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import (
@@ -59,7 +59,7 @@ def test_a_carrier_is_seen_where_the_object_takes_it(carried, t):
     cell = carried.start()
     cell.advance(t)
     obj, motion = load_scenario_object(cell.scenario), make_motion(cell.scenario)
-    hand = Carrier.of(CarrierKind.HAND, obj, motion, None)
+    hand = make_carrier(CarrierKind.HAND, obj, motion, None)
     points, label = shown(cell)
     seen_W = points[label == labels(cell)[1]]
     X_CW = np.linalg.inv(motion.pose(t) @ hand.X_OC)
