@@ -62,7 +62,7 @@ def test_a_carrier_is_seen_where_the_object_takes_it(carried, t):
     hand = make_carrier(CarrierKind.HAND, obj, motion, None)
     points, label = shown(cell)
     seen_W = points[label == labels(cell)[1]]
-    X_CW = np.linalg.inv(motion.pose(t) @ hand.X_OC)
+    X_CW = np.linalg.inv(hand.pose(t, 0.0))
     seen_C = seen_W[np.isfinite(seen_W).all(axis=1)] @ X_CW[:3, :3].T + X_CW[:3, 3]
     surface, _ = trimesh.sample.sample_surface(hand.mesh, 200_000, seed=0)  # 1 mm apart
     distance, _ = cKDTree(surface).query(seen_C)
