@@ -97,7 +97,7 @@ def _distinct_kernel(X_OG, chosen):
 
 
 # Data association of grasps between consecutive fields: a new view gives a new field and new
-# grasps, most of them the old ones moved by a millimetre. Whoever follows one needs to know that.
+# grasps, most of them the old ones moved by a millimetre. A hand keeps to the one that it follows.
 
 #: By which factor a new grasp has to score higher than an old one beside it, to replace it. Source:
 #: guessed.

@@ -51,10 +51,10 @@ def hidden_nodes(
     backs = network.back_surfaces(images, field)
     parts = [_of_picture(image, back) for image, back in zip(images, backs, strict=True)]
     points, deviation = (np.concatenate(part) for part in zip(*parts, strict=True))
-    # Nodes closer to an observed point than this know nothing that it does not [m], nor do those
-    # closer than this multiple of their expected error. Where several pictures look round the
-    # object, they more often see such places themselves than that these are the far side of
-    # something thin. Source: guessed.
+    # Nodes closer to an observed point than this add nothing to it [m], nor do those closer than
+    # this multiple of their expected error. Where several pictures look round the object, they more
+    # often see such places themselves than that these are the far side of something thin. Source:
+    # guessed.
     clearance, doubt = (10e-3, 1.5) if len(images) > 1 else (3e-3, 1.0)
     # Nodes deeper in the free space of a picture than this are impossible [m].
     kept = free_distance(images, points) < 2e-3

@@ -204,7 +204,7 @@ def track(
 def _along_its_path(before: FieldTrack, last: TwistFilter, gap: float) -> tuple[Array, Array]:
     """Pose and twist of an object that was last seen ``gap`` [s] ago; it slows down on its path."""
     motion = MotionEstimate(before.measured_motion, last.time, last.X_WO)
-    # Time over which it slows down: a path that is wrong must not carry the hand off. Time over
+    # Time over which it slows down: a wrong path must not lead the hand away. Time over
     # which its twist there is taken [s].
     slowing, step = 2.0, 1e-3
     way = slowing * (1.0 - np.exp(-gap / slowing))
@@ -242,7 +242,7 @@ def _one_view(information: Array, views: int) -> Array:
     """How far a model may have moved with the view that was merged last: covariance, (6, 6).
 
     A view errs by the covariance of its image, with this information (6, 6), and all that is
-    measured by the model of so many views errs with it. A filter that does not know takes it for a
+    measured by the model of so many views errs with it. A filter without it takes the error for a
     motion.
     """
     # A merged view moves the model by its own error, as one of the views merged, and by this share

@@ -11,7 +11,7 @@ away soon (Singer's model), as starts and stops are short; an object that goes r
 mean follows a circle: what of the acceleration is across the way turns with it, by the jerk
 ``-|a_across|^2 / |v|^2 v``. What a registration does not determine has no information in its
 measurement, and stays at what the filter expects. While nothing is measured, twist and acceleration
-die away: a wrong one must not carry the hand off. The covariance of the pose grows meanwhile as
+die away: a wrong one must not lead the hand away. The covariance of the pose grows meanwhile as
 that of an object whose velocity changes: wide enough to look for it where it may have gone, and no
 wider, or what is found there would be anything.
 
