@@ -62,17 +62,17 @@ def contact_probability(
 
 
 def free_probability(
-    clearance: Array, deviation: Array, learned: ArrayLike = np.nan, unseen: ArrayLike = False
+    clearance: Array, deviation: Array, learned: ArrayLike = np.nan, unobserved: ArrayLike = False
 ) -> Array:
     """Probability that a hand is free, shape (n,), by its `clearance_evidence`.
 
     It is weighed with that of a network, (n,), NaN where there is none; of hands that collide with
-    ``unseen`` surface alone, it is by the network's alone.
+    ``unobserved`` surface alone, it is by the network's alone.
     """
     certain = probability(CLEARANCE, clearance_evidence(clearance, deviation))
     joint = probability(JOINT_CLEARANCE, odds(learned), odds(certain))
     certain = np.where(np.isnan(learned), certain, joint)
-    return np.where(unseen, probability(UNOBSERVED_CLEARANCE, odds(learned)), certain)
+    return np.where(unobserved, probability(UNOBSERVED_CLEARANCE, odds(learned)), certain)
 
 
 def clearance_evidence(clearance: Array, deviation: Array) -> Array:

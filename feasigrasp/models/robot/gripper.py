@@ -235,7 +235,7 @@ class SuctionCup(Gripper):
         stem_radius: Of the stem between palm and cup [m].
         press: How far the lip is pressed in where the hand is at a grasp [m].
         max_strain: Share by which the springs of the cup change their lengths at most before the
-            lip opens (see `feasigrasp.models.grasps.seal`).
+            lip opens (see `feasigrasp.models.grasps.suction`).
         vacuum: Pressure below that of the air in a sealed cup [Pa].
         friction: Coulomb friction of the lip.
     """

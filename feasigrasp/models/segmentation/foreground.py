@@ -17,7 +17,7 @@
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,6 @@ from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.segmentation.components import Components, find_components
 from feasigrasp.models.segmentation.modeled_bodies import SIGMAS, Kind
-from feasigrasp.models.shape.gpdf import Gpdf
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +44,18 @@ class CameraView(Frozen):
     X_WC: Array
 
 
-def distance_to(field: Gpdf, points_O: Array, within: float = 0.0) -> Array:
+class DistanceField(Protocol):
+    """Interface of the object's distance field; a `Gpdf` is one."""
+
+    @property
+    def bounds(self) -> Array:
+        """Lower and upper corner of the object, shape (2, 3) [m]."""
+
+    def distance_and_gradient(self, x: Array) -> tuple[Array, Array]:
+        """Raw distance (m,) and its gradient (m, 3) at x (m, 3)."""
+
+
+def distance_to(field: DistanceField, points_O: Array, within: float = 0.0) -> Array:
     """First-order distance ``|d| / |grad d|`` of points (m, 3) from the field's zero, (m,) [m].
 
     Infinite for what is farther than ``within`` [m], and than 3 cm, beside its bounds.
@@ -117,7 +127,7 @@ class Known(NamedTuple):
         slack: How far off ``X_WO`` may be, beside what is usual [m].
     """
 
-    field: Gpdf | None = None
+    field: DistanceField | None = None
     X_WO: Array | None = None
     lost: bool = False
     before: CameraView | None = None

@@ -144,8 +144,13 @@ class GraspNetwork(Frozen):
     def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> Self:
         if header["preset"] != cls.preset:
             raise ValueError(f"it holds preset {header['preset']}, not {cls.preset}")
-        check_arrays(arrays, array_shapes(**header["sizes"]))
-        return cls(header["sizes"], dict(arrays))
+        network = cls(header["sizes"], dict(arrays))
+        network.check()
+        return network
+
+    def check(self) -> None:
+        """Raises ValueError where arrays are missing, or not of the architecture."""
+        check_arrays(self.weights, array_shapes(**self.sizes))
 
     def save(self, path: str | Path) -> None:
         """Writes sizes and weights into one ``.npz`` file, whole or not at all."""
