@@ -29,7 +29,7 @@ TYPICAL_VOLUME, TYPICAL_MASS, MASS_SPREAD = 5e-4, 0.35, 0.6
 
 def estimate_mass(gpdf: Gpdf, mass: float | None = None) -> MassEstimate:
     """Mass and centre of mass of a completed shape; the mass is given if it is known [kg]."""
-    # Points per axis at which the field is asked for inside and outside.
+    # Points per axis at which the field is evaluated, inside or outside.
     grid = 12
     surface = gpdf.completion.points
     lower, upper = surface.min(axis=0), surface.max(axis=0)
@@ -44,7 +44,7 @@ def estimate_mass(gpdf: Gpdf, mass: float | None = None) -> MassEstimate:
     gyration = float(np.sqrt(((filled - centre) ** 2).sum(axis=1).mean()))
     volume = max(1, int(np.count_nonzero(inside))) * float(np.prod(step))
     typical = TYPICAL_MASS * (volume / TYPICAL_VOLUME) ** (2.0 / 3.0)
-    # What somebody has weighed is known better.
+    # The error of a weighed mass is small.
     mass, spread = (typical, MASS_SPREAD) if mass is None else (mass, 0.05)
     # The deviation of the centre of mass is a share of the radius of gyration of the volume.
     return MassEstimate(mass, spread, centre, 0.2 * gyration)

@@ -329,7 +329,7 @@ def reacquire(
 
 
 def _score(found: Registration) -> float:
-    """What speaks for a pose: points on the model, and its surface where it should be seen."""
+    """Score of a pose: points on the model, and its surface where it should be seen."""
     return found.on_model + found.covered - _BESIDE * found.beside
 
 
@@ -346,7 +346,7 @@ def _fit(model: TrackedModel, view: ObjectView, X_WO: Array) -> float:
 
 
 def _starts(model: TrackedModel, view: ObjectView, X_WO: Array, turns: Array) -> Iterator[Array]:
-    """Where it is expected, and turned this way and that where the points are."""
+    """Start poses: the expected one, and turned ones at the mean of the points."""
     yield X_WO
     surface = model.gpdf.completion  # the visible side may be a new one
     for turn in turns:

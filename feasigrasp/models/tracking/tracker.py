@@ -278,10 +278,10 @@ def _located(
     may_search = gap > search_after and time >= before.searched_at + search_period
     if not good and may_search and len(view.points_W) >= FIRST_POINTS:
         before = replace(before, searched_at=time)
-        # Where it is expected, and where it is if it has gone on as it went.
+        # Start poses: the filter's prediction, and the last twist extrapolated.
         any_orientation = round(1e3 * abs(time)) if gap > _LONG_GAP else None
-        # What the place is known to be worth after a gap, beside what the filter says [rad, m]; and
-        # after a long one, in which the object may have turned to any side.
+        # Standard deviation that a gap adds to the predicted pose [rad, m]; the second is after a
+        # long one, in which the object may have turned to any side.
         sigma = (0.3, 0.05) if any_orientation is None else (1.5, 0.1)
         wide, on = expected.widened(np.diag(np.square(np.repeat(sigma, 3)))), last.pose(time)
         found = reacquire(
